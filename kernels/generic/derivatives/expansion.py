@@ -69,8 +69,6 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
         world: int,
     ):
         for j in range(t.nv):
-            if t.bounces == 1:
-                d.before[b, j] = d.change[b, j]
             d.velocity[b, j] = k.v0[j]
             d.change[b, j] = k.v0[j] - d.change[b, j]
         bodies.prepare(t, k, d, b, external, world)

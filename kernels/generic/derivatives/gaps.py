@@ -42,6 +42,8 @@ def make_gap_slopes(given: type, residual: str) -> wp.Function:
         f = pairs.force(V2(normal[0], normal[1]), ONE, rub)
         pairs.contract(t, d, b, pair, start, y, f, ONE, rub, d.gap_by_q[b], first)
         if bounce > ZERO:
+            for j in range(t.nv):
+                d.before[b, j] = k.before[t.dof_block[j]][t.dof_part[j]]
             across = bounce * V2(normal[0], normal[1])
             pairs.contract(t, d, b, pair, start, d.before[b], across, bounce, ZERO, d.bounced[b], 0)
             for i in range(t.pair_start[pair + 1] - t.pair_start[pair]):

@@ -43,7 +43,7 @@ KINDS = {"twist": wp.vec3d, "by_twist": wp.vec3d, "by_frame": wp.vec3d, "slides"
     ("acceleration", "by_acceleration", "by_arm"), wp.vec2d
 )
 KINDS |= {"target": V3, "p": V3}
-FACTOR = ("upper", "row", "share", "yielding", "slides", "of_contact", "gap_by_q")
+FACTOR = ("upper", "row", "share", "yielding", "slides", "of_contact", "gap_by_q", "before", "bounced")
 
 
 @cached
