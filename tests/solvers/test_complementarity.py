@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 from complementarity_problems import diagonal, problems
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import least_squares, linprog, minimize
 from scipy.stats import norm
 
 import slcp_warp as slcp
@@ -229,6 +229,25 @@ def test_no_solution(device):
     sol = slcp.solve_complementarity(a, [-1.0, -1.0, 0.0, 0.0], residual="rem-logistic", device=device)
     assert sol.status == slcp.Status.INFEASIBLE
     assert sol.impulse.shape == (4,)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_what_a_linear_program_calls_infeasible(device, dtype):
+    """Random singular A = L L': no w = L v + b is positive. A y of the y that says so is zero but for rounding."""
+    rng = np.random.default_rng(1)
+    for n, rank in ((4, 2), (4, 1)):
+        L, b = rng.normal(size=(150, n, rank)), rng.normal(size=(150, n))
+        a = (L @ L.swapaxes(1, 2)).astype(dtype)
+        status = slcp.solve_complementarity(a, b.astype(dtype), residual="hard", device=device).status
+        free = [(None, None)] * rank
+        none = [linprog(np.zeros(rank), A_ub=-part, b_ub=c, bounds=free).status == 2 for part, c in zip(L, b)]
+        assert 0.2 < np.mean(none) < 0.8
+        assert (status[none] == slcp.Status.INFEASIBLE).all()
+        assert (status[np.logical_not(none)] != slcp.Status.INFEASIBLE).all()
+    near = np.array([[1.0, -1.0 + 1e-12], [-1.0 + 1e-12, 1.0]])
+    sol = slcp.solve_complementarity(np.pad(near, (0, 2)) + np.diag([0.0, 0, 1, 1]), [-1.0, -1, 0, 0],
+                                     residual="hard", device=device)  # fmt: skip
+    assert sol.status != slcp.Status.INFEASIBLE  # it has a solution, of 1e12
 
 
 @pytest.mark.parametrize(
