@@ -233,7 +233,7 @@ def test_no_solution(device):
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_what_a_linear_program_calls_infeasible(device, dtype):
-    """Random singular A = L L': no w = L v + b is positive. A y of the y that says so is zero but for rounding."""
+    """Random singular A = L L', no w = L v + b positive: A y of the y that says so is zero by rounding."""
     rng = np.random.default_rng(1)
     for n, rank in ((4, 2), (4, 1)):
         L, b = rng.normal(size=(150, n, rank)), rng.normal(size=(150, n))

@@ -106,6 +106,7 @@ def test_a_map_of_values_puts_them_in_place_of_what_was_drawn(device, tmp_path):
         (("mass", (1.0,)), ("mass", (1.0,)), "x and y are both 'mass'"),
         (("weight", (1.0,)), ("mass", (1.0,)), "x is 'weight'; a state .* or a parameter"),
         (("mass", (0.0, 1.0)), ("block.x", (0.0,)), "hold 0; 'mass' takes positive factors"),
+        (("ledge.height", (0.0, 1.0)), ("block.x", (0.0,)), "x is 'ledge.height'; a state .* or a parameter"),
         (("mass", ()), ("block.x", (0.0,)), "the values of x"),
         (("mass", (1.0, 2.0, 1.0)), ("block.x", (0.0,)), "the values of x are .* each of them once"),
         ("mass", ("block.x", (0.0,)), "x is 'mass'"),

@@ -203,24 +203,21 @@ def _axis(label: str, task: Task, given: Any) -> tuple[str, np.ndarray]:
     itself, whole, name = name.endswith(ITSELF), name, name.removesuffix(ITSELF)
     if name in task.scene.state_names:
         return whole, values
-    if itself and name == KICKS:
-        raise ArgumentError(f"{label} is {whole!r}; kicks have factors alone")
-    if (
-        not itself
-        and not _added(name)
-        and ((values < 0.0).any() or (name != KICKS and (values == 0.0).any()))
-    ):
-        raise ArgumentError(f"the values of {label} hold {values.min():g}; {name!r} takes positive factors")
     if name == KICKS:
+        if itself:
+            raise ArgumentError(f"{label} is {whole!r}; kicks have factors alone")
         if not task.disturbances.kick_times:
             raise ArgumentError(f"{label} is 'kicks', but task {task.name!r} has none")
-        return name, values
-    try:
-        laws.check_parameter(name, _any_law(name))
-        _columns(task, name)
-    except ArgumentError as error:
-        states = ", ".join(task.scene.state_names)
-        raise ArgumentError(f"{label} is {name!r}; a state ({states}) or a parameter: {error}") from None
+    else:
+        try:
+            laws.check_parameter(name, _any_law(name))
+            _columns(task, name)
+        except ArgumentError as error:
+            states = ", ".join(task.scene.state_names)
+            raise ArgumentError(f"{label} is {name!r}; a state ({states}) or a parameter: {error}") from None
+    factors = not itself and not _added(name)
+    if factors and ((values < 0.0).any() or (name != KICKS and (values == 0.0).any())):
+        raise ArgumentError(f"the values of {label} hold {values.min():g}; {name!r} takes positive factors")
     if itself:
         rules.check(f"the values of {label}", values, ArgumentError, parameter_of(name)[1])
     return whole, values
