@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp import Scene, scenes
+from slcp_warp import Scene, Shape, scenes
 
 from ..peers.mujoco_model import Geoms
 
@@ -64,6 +64,23 @@ def discs(count: int) -> World:
     return heap(count, 1.0, "discs")
 
 
+def boxes(count: int) -> World:
+    """`count` rectangles with rounded corners above ground and between walls; in MuJoCo sharp boxes, which
+    touch in up to eight points, and whose pairs its broad phase finds.
+    """
+    side = RADIUS * max(2, round(math.sqrt(count))) * 1.5
+    thrown = scenes.tumbling_boxes(count, width=2.0 * side, friction=FRICTION)
+    shapes = [replace(s, contype=1) for s in thrown.shapes if s.body is None]
+    shapes += [Shape(b.name, b.name, "rectangle", (RADIUS, RADIUS), corner_radius=0.2 * RADIUS)
+               for b in thrown.bodies]  # fmt: skip
+    start = np.concatenate([thrown.x0[: thrown.nv], np.zeros(thrown.nv)])
+    scene = replace(thrown, name="boxes", shapes=tuple(shapes), initial_state=tuple(start.tolist()))
+    cube = {"type": "box", "size": f"{RADIUS!r} {RADIUS!r} {RADIUS!r}"}
+    geoms: Geoms = {body.name: [cube] for body in scene.bodies}
+    walls = [_ground(), _plane(-side, 0.0, "1 0 0"), _plane(side, 0.0, "-1 0 0")]
+    return World(f"boxes:{count}", scene, count, {"boxes": geoms | {None: walls}})
+
+
 def gas(count: int) -> World:
     """`count` discs far apart, four diameters at the start, that fly between two walls without gravity."""
     side = 4.0 * RADIUS * max(2, round(math.sqrt(count)))
@@ -95,6 +112,7 @@ SIZED: dict[str, Callable[[int], World]] = {
     "stack": stack,
     "heap": heap,
     "discs": discs,
+    "boxes": boxes,
     "gas": gas,
     "beam": beam,
 }

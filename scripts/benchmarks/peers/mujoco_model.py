@@ -95,8 +95,8 @@ def _pairs(root: xml.Element, nodes: dict[str | None, xml.Element], scene: Scene
 
 
 def _geom(parent: xml.Element, shape: Shape) -> None:
-    """A half-plane, disc, capsule, ellipse or sharp rectangle as a plane or box, sphere, capsule, ellipsoid
-    or box of its body.
+    """A half-plane, disc, capsule, ellipse or rectangle as a plane or box, sphere, capsule, ellipsoid or box
+    of its body; boxes are sharp.
     """
     geom = xml.SubElement(parent, "geom", name=shape.name, mass="0", contype="0", conaffinity="0",
                           pos=_text(*shape.offset, 0.0))  # fmt: skip
@@ -115,7 +115,7 @@ def _geom(parent: xml.Element, shape: Shape) -> None:
         geom.set("type", "capsule")
         geom.set("size", _text(radius[0], radius[-1]))
         geom.set("zaxis", _text(*along, 0.0))
-    elif shape.kind == "rectangle" and not shape.corner_radius:
+    elif shape.kind == "rectangle":
         geom.set("type", "box")
         geom.set("size", _text(*radius, OUT_OF_PLANE))
         geom.set("euler", _text(0.0, 0.0, shape.angle))
@@ -127,7 +127,7 @@ def _geom(parent: xml.Element, shape: Shape) -> None:
         geom.set("size", _text(radius[0], radius[-1], OUT_OF_PLANE))
         geom.set("euler", _text(0.0, 0.0, shape.angle))
     else:
-        raise SceneError(f"shape {shape.name!r}: the MuJoCo benchmark takes no {shape.kind}s of this sort")
+        raise SceneError(f"shape {shape.name!r}: the MuJoCo benchmark takes no {shape.kind}s")
 
 
 def _body(parent: xml.Element, body: Body) -> xml.Element:
