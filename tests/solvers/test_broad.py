@@ -22,7 +22,7 @@ F, V3, V4 = wp.float64, wp.vec3d, wp.vec4d
 
 def crowd(rng, size):
     """Free and hinged bodies of one to three round shapes, half-planes of the world and of bodies, posts."""
-    long = "capsule" if rng.random() < 0.5 else "ellipse"
+    long = str(rng.choice(["capsule", "ellipse", "rectangle"]))
     bodies, shapes = (
         [],
         [Shape("ground", None, "halfplane", angle=math.pi / 2), Shape("post", None, "disc", 0.3)],
@@ -37,7 +37,8 @@ def crowd(rng, size):
             kind = str(rng.choice(["disc", long]))
             radius = (float(rng.uniform(0.0, 0.3)),) if kind == "disc" else tuple(rng.uniform(0.05, 0.4, 2))
             offset = tuple(rng.uniform(-0.3, 0.3, 2))
-            shapes.append(Shape(f"s{i}_{j}", f"b{i}", kind, radius, offset, rng.uniform(-3, 3)))
+            corner = {"corner_radius": 0.03} if kind == "rectangle" else {}
+            shapes.append(Shape(f"s{i}_{j}", f"b{i}", kind, radius, offset, rng.uniform(-3, 3), **corner))
     shapes.append(Shape("tray", "b0", "halfplane", offset=(0.1, 0.2), angle=1.0))
     scene = slcp.Scene("crowd", tuple(bodies), tuple(shapes), "auto", friction=0.4)
     kept = [c for c in scene.all_contacts if rng.random() < 0.8]  # listed: any order, some pairs missing

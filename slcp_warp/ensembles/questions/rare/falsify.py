@@ -55,11 +55,10 @@ def falsify(
     """Find the smallest disturbance under which a policy fails.
 
     Size is the length in standard deviations of what is disturbed. Directions on shells come first, then
-    evolution strategies that shrink what fails, `worlds` at once, in float64 where all that they end at
-    fails in single precision alone; with `gradients` also the nearest point of
-    the margin's tangent plane, by derivatives through contact. What is found fails in float64, and none
-    of its own 64ths below it does; it fails in the search's precision, too, if anything nearby that large
-    does.
+    evolution strategies that shrink what fails, `worlds` at once; with `gradients` also the nearest point of
+    the margin's tangent plane, by derivatives through contact. Where all that the search ends at fails in
+    single precision alone, it is made again in float64. What is found fails in float64, and none of its own
+    64ths below it does; it fails in the search's precision, too, if anything nearby that large does.
 
     Args:
         task: with a success; its first start counts, and no noise; policies act as in world 0.
