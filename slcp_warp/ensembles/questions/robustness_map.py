@@ -144,7 +144,10 @@ def _set_twice(task: Task, x: str, y: str) -> bool:
     """Whether the values of both names are those of a number itself, of the same one."""
     names = [name.removesuffix(ITSELF) for name in (x, y) if name.endswith(ITSELF)]
     names = [name for name in names if name not in task.scene.state_names]
-    return len(names) == 2 and bool(np.intersect1d(*(_columns(task, name) for name in names)).size)
+    if len(names) < 2:
+        return False
+    one, other = (_columns(task, name) for name in names)
+    return bool(np.intersect1d(one, other).size)
 
 
 def changed(task: Task, worlds: Worlds, name: str, values: np.ndarray) -> Worlds:
