@@ -31,6 +31,9 @@ LARGEST = {True: 200, False: 32}
 # (`slcp bench kernels --scene all`, docs/performance.md)
 TOUCHING = 48
 CROWDED = 4  # rows a degree of freedom from which they are under Coulomb's friction: all may act at once
+UNROLLED = (
+    8  # pairs up to which specialised kernels are worth their compiling on a CPU: each has code of its own
+)
 PAIRS = 2  # of which the rows that act together are few in most steps
 
 
@@ -138,5 +141,5 @@ def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
     large = s.nr > MOST_ROWS or s.nv * max(s.nr, s.nv) > LARGEST[on_cpu]
     touching = s.nv * s.nr >= TOUCHING and joined_trees(s) > 1
     crowded = method.coulomb and s.nr >= CROWDED * s.nv
-    generic = large or s.bounces or on_cpu and (touching or crowded)
+    generic = large or s.bounces or on_cpu and (touching or crowded or len(s.pairs) > UNROLLED)
     return "generic" if generic else "specialised"

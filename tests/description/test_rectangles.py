@@ -127,3 +127,15 @@ def test_pictures_leave_room_for_corners():
     assert right >= 1.1 and top >= 1.0 and left <= -0.18 and bottom <= -0.1
     np.testing.assert_array_equal(mechanism.size(2), [0.2, 0.1, 0.03])
     np.testing.assert_array_equal(mechanism.size(4), [0.05, 0.05])
+
+
+def test_many_pairs_of_one_body_have_generic_kernels_on_a_cpu():
+    """Twelve take minutes to compile for themselves; four corners on the ground do not."""
+    ground, wall, block, *_ = scene().shapes
+    body = scene().bodies[:1]
+    few, many = (
+        Scene("block", body, shapes, "auto", friction=0.5)
+        for shapes in ((ground, block), (ground, wall, block))
+    )
+    assert [len(each.pair_names) for each in (few, many)] == [4, 12]
+    assert [slcp.Simulator(each, device="cpu").strategy for each in (few, many)] == ["specialised", "generic"]
