@@ -46,7 +46,9 @@ def make_told(dtype: type, given: type) -> wp.Function:
 
 @cached
 def make_shape_size(s: Structure, shape: int, dtype: type, end: int = 0) -> wp.Function:
-    """world -> the numbers of a shape's size (`make_size`), or twice the radius of the disc at its end."""
+    """world -> the numbers of a shape's size (`make_size`), or twice the radius of the disc at its end. What
+    is drawn for a corner radius is no larger than half a side.
+    """
     t, lay = make_types(s, dtype), layout(s)
     kind = s.shapes[shape].kind
     disc = wp.types.vector(2, dtype)
@@ -57,12 +59,16 @@ def make_shape_size(s: Structure, shape: int, dtype: type, end: int = 0) -> wp.F
     @wp.func
     def size(world: t.World):
         if wp.static(end in CORNERS):
-            return disc(world.params[wp.static(CORNER)], world.params[wp.static(CORNER)])
+            r = wp.min(
+                world.params[wp.static(CORNER)],
+                wp.min(world.params[wp.static(FIRST)], world.params[wp.static(FIRST + 1)]),
+            )
+            return disc(r, r)
         out = SIZE()
         out[0] = world.params[wp.static(FIRST)]
         out[1] = world.params[wp.static(FIRST + 1)]
         if wp.static(kind == RECTANGLE):
-            out[2] = world.params[wp.static(CORNER)]
+            out[2] = wp.min(world.params[wp.static(CORNER)], wp.min(out[0], out[1]))
         return out
 
     return size

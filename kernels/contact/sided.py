@@ -87,11 +87,10 @@ def make_size(kind: str, dtype: type) -> type:
 def make_core(dtype: type) -> wp.Function:
     """core(size) -> half sizes of a rectangle less its corner radius."""
     V2, V3 = wp.types.vector(2, dtype), wp.types.vector(3, dtype)
-    ZERO = dtype(0.0)
 
     @wp.func
     def core(size: V3):
-        return V2(wp.max(size[0] - size[2], ZERO), wp.max(size[1] - size[2], ZERO))
+        return V2(size[0] - size[2], size[1] - size[2])
 
     return core
 

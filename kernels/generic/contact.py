@@ -126,6 +126,8 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         """What the rows of a pair add to J v': d/h, or e J_n v where the pair closes in this step (M54),
         faster than what forces change of that in two steps, by which what lies still does.
         """
+        if k.bounce[pair] < ZERO:  # there is no room for it in this step
+            return rate
         k.bounce[pair] = ZERO
         e = wp.min(number(t, k, RESTITUTION, pair), ONE)
         if not (e > ZERO):
@@ -136,6 +138,25 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             return rate
         k.bounce[pair] = e
         return e * meets
+
+    @wp.func
+    def forget_bounces(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """Of the step before."""
+        for n in range(k.count[wp.static(NEAR)]):
+            k.bounce[k.near[n]] = ZERO
+
+    @wp.func
+    def give_up_bounces(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """No pair of an island bounces in this step; 1 if one did."""
+        found = int(0)
+        for r in range(o.row, o.last_row):
+            i = k.row[r]
+            if t.row_kind[i] == wp.static(CONTACT):
+                pair = t.row_index[i]
+                if k.bounce[pair] > ZERO:
+                    found = int(1)
+                k.bounce[pair] = -ONE
+        return found
 
     @wp.func
     def row_gap(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -353,6 +374,8 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         geometry=geometry,
         normal_rate=normal_rate,
         row_gap=row_gap,
+        forget_bounces=forget_bounces,
+        give_up_bounces=give_up_bounces,
         pose_a=pose_a,
         pose_b=pose_b,
         radii_a=radii_a,

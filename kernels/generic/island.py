@@ -273,7 +273,7 @@ def make_island(given: type, residual: str) -> wp.Function:
                 k.z[r] = UNUSED
         return status
 
-    @wp.func
+    @wp.func(inline=False)
     def settle_judged(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """`settle`, whose solution with Coulomb's friction holds without it, too."""
         status = settle(t, k, o)
@@ -283,4 +283,13 @@ def make_island(given: type, residual: str) -> wp.Function:
                     status = int(wp.static(NOT_CONVERGED))
         return status
 
-    return settle_judged
+    @wp.func
+    def settle_with_room(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """`settle_judged`; where what bounces finds its way back shut, without bouncing."""
+        status = settle_judged(t, k, o)
+        if t.bounces == 1 and status != wp.static(SOLVED) and status != wp.static(NONFINITE):
+            if contact.give_up_bounces(t, k, o) == 1:
+                status = settle_judged(t, k, o)
+        return status
+
+    return settle_with_room

@@ -61,9 +61,10 @@ def make_shapes(given: type) -> SimpleNamespace:
 
     @wp.func
     def size(t: wp.ref[Topology], k: wp.ref[Slot], shape: int):
-        """Half sizes and corner radius of a rectangle."""
-        first = 2 * shape
-        return V3(number(t, k, RADIUS, first), number(t, k, RADIUS, first + 1), number(t, k, CORNER, shape))
+        """Half sizes and corner radius, which is no larger than these, of a rectangle."""
+        x = number(t, k, RADIUS, 2 * shape)
+        y = number(t, k, RADIUS, 2 * shape + 1)
+        return V3(x, y, wp.min(number(t, k, CORNER, shape), wp.min(x, y)))
 
     @wp.func
     def pose(t: wp.ref[Topology], k: wp.ref[Slot], shape: int, end: int):
@@ -82,8 +83,8 @@ def make_shapes(given: type) -> SimpleNamespace:
     @wp.func
     def radii(t: wp.ref[Topology], k: wp.ref[Slot], shape: int, end: int):
         if end > 1:
-            r = number(t, k, CORNER, shape)
-            return V2(r, r)
+            corner = size(t, k, shape)[2]
+            return V2(corner, corner)
         r = number(t, k, RADIUS, 2 * shape)
         if end != 0:
             return V2(r, r)

@@ -121,6 +121,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         join. Rows that no velocity opens stay INFEASIBLE whatever joins them.
         """
         contact.move_shapes(t, k)
+        if t.bounces == 1:
+            contact.forget_bounces(t, k)
         rounding(t, k)
         status = int(wp.static(SOLVED))
         which = int(wp.static(AFRESH))

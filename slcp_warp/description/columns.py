@@ -15,7 +15,7 @@ from .scene import Scene
 
 COMPONENTS = {
     f"{name}_{axis}": (name, i) for name in ("com", "anchor", "shape_offset") for i, axis in enumerate("xy")
-}
+} | {f"radius_{i}": ("radius", i) for i in range(2)}
 
 END = re.compile(r"\((?:" + "|".join(map(re.escape, ENDS.values())) + r")\)(?=/|$)")  # behind a name
 

@@ -27,7 +27,10 @@ def _first(sim: Simulator, name: str) -> np.ndarray:
     _, whole, component = parameter_of(name)
     width = math.prod(sim.params.layout.shape(whole)[1:])
     if width > 1 and component is None and not (whole == "radius" and not np.ptp(value)):
-        raise ParameterError(f"learn names {name!r}, which has {width} numbers; name one, as {name + '_x'!r}")
+        raise ParameterError(
+            f"learn names {name!r}, which has {width} numbers; name one, as "
+            f"{name + ('_0' if whole == 'radius' else '_x')!r}"
+        )
     if np.ptp(value):
         raise ParameterError(f"learn names {name!r}, which is {value.tolist()}; one number is needed")
     return np.asarray(value[0])

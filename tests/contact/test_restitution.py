@@ -208,3 +208,37 @@ def test_it_is_drawn_as_other_numbers():
     e, top = part["drawn_ground/ball.restitution"], part["top"]
     np.testing.assert_allclose(top / e, (top / e)[0], rtol=1e-6)
     assert np.ptp(e) > 0.5
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("room", [1e-3, 0.02])
+def test_where_there_is_no_room_nothing_bounces(law, room):
+    """A disc in a slot that it would cross more than once a step: INFEASIBLE from the first one on."""
+    shapes = (
+        Shape("left", None, "halfplane", offset=(-RADIUS - room, 0.0)),
+        Shape("right", None, "halfplane", offset=(RADIUS + room, 0.0), angle=np.pi),
+        Shape("ball", "ball", "disc", RADIUS),
+        Shape("far", "far", "disc", RADIUS),
+        Shape("ground", None, "halfplane", offset=(0.0, -5.0), angle=np.pi / 2),
+    )
+    bodies = (Body("ball", MASS, INERTIA, joint="free"), Body("far", MASS, INERTIA, joint="free"))
+    walls = tuple(Contact(side, "ball", 0.3, restitution=0.9) for side in ("left", "right"))
+    contacts = (*walls, Contact("ground", "far", restitution=0.8))
+    scene = Scene("slot", bodies, shapes, contacts, gravity=(0.0, 0.0), step_size=0.01, sigma=1e-3)
+    x0 = np.zeros((8, 12))
+    x0[:, 4] = -5.0 + RADIUS + 1e-3
+    x0[:, 6], x0[:, 7] = np.linspace(-3.0, 3.0, 8), 0.5
+    x0[:, 10] = -1.0
+    traj = simulator(scene, law).rollout(x0, steps=60, record="gap")
+    assert not traj.status.any()
+    assert np.nanmin(traj.gap) > -1e-9 - 0.02 * (law == "smoothed")
+    assert np.abs(traj.states[:, -1, 6]).max() <= 3.0
+    np.testing.assert_allclose(traj.states[:, 1, 10], 0.8, atol=2e-3)  # another island's bounce stays
+
+
+def test_coefficients_are_drawn_within_their_bounds():
+    for given in (0.2, slcp.LogNormal(0.2), slcp.Uniform(0.5, 1.5)):
+        with pytest.raises(slcp.ArgumentError, match="restitution takes uniform|at most 1 are needed"):
+            slcp.Disturbances(parameters={"restitution": given})
+    with pytest.raises(slcp.ArgumentError, match="numbers of at most 1"):
+        slcp.Disturbances(parameters={"ground/ball.restitution": slcp.Uniform(0.5, 1.5)})

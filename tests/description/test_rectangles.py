@@ -139,3 +139,30 @@ def test_many_pairs_of_one_body_have_generic_kernels_on_a_cpu():
     )
     assert [len(each.pair_names) for each in (few, many)] == [4, 12]
     assert [slcp.Simulator(each, device="cpu").strategy for each in (few, many)] == ["specialised", "generic"]
+
+
+@pytest.mark.parametrize("strategy", ["generic", "specialised"])
+def test_a_corner_radius_that_is_drawn_stays_within_the_size(strategy):
+    """It may be beyond half a side, which `replace` refuses; such a box rests as high as it is, too."""
+    ground, _, block, *_ = scene().shapes
+    block = Shape("block", "a", "rectangle", (0.1, 0.06), corner_radius=0.03)
+    own = Scene("box", scene().bodies[:1], (ground, block), "auto", friction=0.5)
+    drawn = slcp.Disturbances(parameters={"block.corner_radius": slcp.LogNormal(1.5)})
+    task = slcp.Task(
+        "box", own, duration=1.0, start=np.array([[0.0, 0.061, 0.0, 0, 0, 0]]), disturbances=drawn,
+        measures={"height": slcp.measures.final("a.y")},
+    )  # fmt: skip
+    none = {"none": slcp.policies.Linear(np.zeros((0, 6)))}
+    how = {"cases": slcp.Options("hard"), "dtype": "float64", "device": "cpu", "strategy": strategy}
+    report = slcp.sweep(task, none, worlds=32, **how)
+    part = report.part("none")
+    assert part["drawn_block.corner_radius"].max() > 0.1 and not part["status"].any()
+    np.testing.assert_allclose(part["height"], 0.06, atol=1e-6)
+
+
+def test_both_sizes_of_one_have_names():
+    sim = slcp.Simulator(scene(), device="cpu", strategy="generic")
+    moved = sim.params.replace(**{"block.radius_0": 0.3, "block.radius_1": 0.15})
+    np.testing.assert_array_equal(moved["block.radius"], [0.3, 0.15])
+    with pytest.raises(slcp.ParameterError, match="half of the shorter side is needed, 0.02"):
+        sim.params.replace(**{"block.radius_1": 0.02})

@@ -46,7 +46,7 @@ def make_rows(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def level(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], r: int):
         """Adds the column of sigma and that of h through d/h; returns kappa, the weight of D."""
-        if bounce_of(t, k, r) == ZERO:
+        if not (bounce_of(t, k, r) > ZERO):
             add(t, w, H, 0, -w.rho[r] / number(t, k, H, 0) * k.gap[r])
         if wp.static(hard):
             return ZERO  # lambda is what it is, whatever D

@@ -16,7 +16,7 @@ from ...options import Options
 from ...parameters import Parameters
 from ...storage.printed import Printed, Table
 from ...storage.rows import save_rows
-from ...tasks.disturbances import LogNormal, Normal, laws
+from ...tasks.disturbances import LogNormal, Normal, Uniform, laws
 from ...tasks.task import Task
 from ..statistics.intervals import share_interval
 from ..worlds import Worlds, draw_worlds
@@ -184,7 +184,9 @@ def meant(name: str) -> str:
     return f"factor on {name}" if known and not _added(name) else f"added to {name}"
 
 
-def _any_law(name: str) -> LogNormal | Normal:
+def _any_law(name: str) -> LogNormal | Normal | Uniform:
+    if parameter_of(name)[1] in laws.SHARES:
+        return Uniform(0.0, 1.0)
     return Normal(0.1) if _added(name) else LogNormal(0.1)
 
 

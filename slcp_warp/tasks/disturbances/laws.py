@@ -19,6 +19,7 @@ from .distributions import BODIES, Distribution, Normal, Uniform, row_of
 from .events import Drawn
 
 FACTORS = ("gravity", "radius")  # parameters that keep their directions and shapes: factors only
+SHARES = ("restitution",)  # in [0, 1]
 SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset")  # what may be of either sign
 NAMES = (*PERTURBABLE, *SIGNED)
 OF_NO_BODY = ("step_size", "gravity", "sigma", "spring_stiffness", "spring_damping", "spring_length")
@@ -140,6 +141,8 @@ def check_parameter(key: str, drawn: Distribution) -> None:
     kinds = {"log-normal"} if name in FACTORS else {"uniform", "normal"} if name in SIGNED else set(LAWS)
     if name in POSITIVE or name in NONNEGATIVE:
         kinds.discard("normal")
+    if name in SHARES:
+        kinds.discard("log-normal")  # whose factors have no bound
     if drawn.shared == BODIES and name in OF_NO_BODY:
         raise ArgumentError(
             f"{label} is {shown(drawn)}; {name} is of no body: shared True or False is needed"
@@ -152,6 +155,8 @@ def check_parameter(key: str, drawn: Distribution) -> None:
         if low:
             sign = "positive" if name in POSITIVE else "no negative"
             raise ArgumentError(f"{label} is {shown(drawn)}; {sign} numbers are needed")
+        if name in SHARES and drawn.high > 1.0:
+            raise ArgumentError(f"{label} is {shown(drawn)}; numbers of at most 1 are needed")
 
 
 def _parameter_names(scene: Scene, columns: Sequence[tuple[str, int, tuple[int, ...]]]) -> list[str]:
