@@ -160,6 +160,14 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return status
 
     @wp.func
+    def afresh(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """`contacts` from nothing."""
+        forget(t, k)
+        for i in range(t.blocks):
+            k.v[i] = k.vfree[i]
+        return contacts(t, k)
+
+    @wp.func
     def contacts_or_afresh(t: wp.ref[Topology], k: wp.ref[Slot]):
         """`contacts`, and once more from nothing what does not converge from where the last step led: what
         fails in a rollout fails by itself, too. What fails so is solved a rounding beside its gaps: where
@@ -168,19 +176,13 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         led = k.count[wp.static(LED)]
         status = contacts(t, k)
         if status == wp.static(NOT_CONVERGED) and led == 1:
-            forget(t, k)
-            for i in range(t.blocks):
-                k.v[i] = k.vfree[i]
-            status = contacts(t, k)
+            status = afresh(t, k)
         most = int(wp.static(MOST_BESIDE))
         if t.coulomb == 1 and t.nr > t.pairs + t.limits:
             most = 0  # of friction between exact modes a rounding decides as little: 14 of 400 become 13
         while status == wp.static(NOT_CONVERGED) and k.count[wp.static(BESIDE)] < most:
             k.count[wp.static(BESIDE)] = k.count[wp.static(BESIDE)] + 1
-            forget(t, k)
-            for i in range(t.blocks):
-                k.v[i] = k.vfree[i]
-            status = contacts(t, k)
+            status = afresh(t, k)
         k.count[wp.static(BESIDE)] = 0
         k.count[wp.static(LED)] = 1
         return status
