@@ -11,7 +11,7 @@ pair either one frictionless row n or the two rows n + mu t and n - mu t (Anites
 """
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from .factories import cached
 
@@ -67,7 +67,7 @@ class PairStructure:
     friction: bool
     end_a: int = 0
     end_b: int = 0
-    restitution: bool = False  # whether it gives back some of the speed that it is met with
+    restitution: bool = field(default=False, repr=False)  # whether it gives back some of what it is met with
 
 
 @dataclass(frozen=True)

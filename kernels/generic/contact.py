@@ -164,11 +164,14 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     def row_gap(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """The signed distance that row r has, at the start of the step."""
         i = k.row[r]
-        if t.bounces == 1:
-            if t.row_kind[i] == wp.static(CONTACT):
+        if t.row_kind[i] == wp.static(CONTACT):
+            other = int(k.count[wp.static(BESIDE)])  # than what the row holds
+            if t.bounces == 1:
                 if k.bounce[t.row_index[i]] > ZERO:
-                    _nx, _ny, gap, _ha, _turn_a, _hb, _turn_b = geometry(t, k, t.row_index[i])
-                    return gap
+                    other = 1
+            if other > 0:
+                _nx, _ny, gap, _ha, _turn_a, _hb, _turn_b = geometry(t, k, t.row_index[i])
+                return gap
         return k.gap[r] * number(t, k, H, 0)
 
     @wp.func(inline=False)

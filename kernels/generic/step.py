@@ -174,6 +174,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         many touch exactly, and nothing presses, no set of rows is better than the next.
         """
         led = k.count[wp.static(LED)]
+        k.count[wp.static(BESIDE)] = 0
         status = contacts(t, k)
         if status == wp.static(NOT_CONVERGED) and led == 1:
             status = afresh(t, k)
@@ -183,7 +184,6 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         while status == wp.static(NOT_CONVERGED) and k.count[wp.static(BESIDE)] < most:
             k.count[wp.static(BESIDE)] = k.count[wp.static(BESIDE)] + 1
             status = afresh(t, k)
-        k.count[wp.static(BESIDE)] = 0
         k.count[wp.static(LED)] = 1
         return status
 

@@ -54,7 +54,9 @@ def test_tumbling_starts_are_unit_normal_velocities_at_the_same_places():
 
 @pytest.mark.parametrize("name", ["stack", "stack:0", "stack:1e3", "pile:3", "walker:2", "disc:3"])
 def test_a_name_that_is_none_is_said(name):
-    with pytest.raises(ValueError, match=f"--scene is '{name}'; choose from stack:N, heap:N, discs:N, gas:N"):
+    with pytest.raises(
+        ValueError, match=f"--scene is '{name}'; choose from stack:N, heap:N, discs:N, boxes:N, gas:N"
+    ):
         world(name)
 
 

@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 import functools
 import inspect
+import pathlib
 import typing
 
 import numpy as np
@@ -22,6 +23,8 @@ from hypothesis import strategies as st
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import scene_digest
+
+HOPPER = pathlib.Path(__file__).parents[2] / "examples" / "scenes" / "hopper.xml"
 
 FINGER = slcp.scenes.flicking_finger()
 X, U = np.zeros((2, 6)), np.zeros((2, 2))
@@ -126,7 +129,7 @@ CALLS = {
         {"sim": sim(residual="hard"), "x0": X[0], "us": US[0], "covariance": np.eye(6), "count": 3}, {}),
     "load_scene": (slcp.load_scene, {"path": "/nowhere/scene.toml"}, {}),
     "save_scene": (slcp.save_scene, {"scene": FINGER, "path": "/nowhere/scene.json"}, {}),
-    "load_mjcf": (slcp.load_mjcf, {"path": "/nowhere/scene.xml"}, {}),
+    "load_mjcf": (slcp.load_mjcf, {"path": HOPPER}, {}),
     "Regularization": (
         lambda **fields: ddp.Regularization(**fields).rows(), dataclasses.asdict(ddp.Regularization()),
         {"state_weight": ("control_weight",)}),

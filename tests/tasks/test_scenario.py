@@ -35,7 +35,8 @@ def ways(name):
     for shared in (False, True, "bodies"):
         if shared == "bodies" and kind in laws.OF_NO_BODY:
             continue
-        yield slcp.Normal(0.05, 0.1, shared) if kind in laws.SIGNED else slcp.LogNormal(0.1, 2.0, shared)
+        if kind not in laws.SHARES:
+            yield slcp.Normal(0.05, 0.1, shared) if kind in laws.SIGNED else slcp.LogNormal(0.1, 2.0, shared)
         if kind not in laws.FACTORS:
             yield slcp.Uniform(0.3, 0.7, shared)
 
@@ -44,7 +45,7 @@ def ways(name):
 def test_every_parameter_is_the_worlds(name, tmp_path):
     """Gravity across and radii of points are zero; both ends of a capsule have the same pair of names."""
     scene = slcp.scenes.NAMED[name]()
-    for parameter in (*laws.NAMES, *columns.COMPONENTS):
+    for parameter in (*laws.NAMES, *(name for name in columns.COMPONENTS if "radius" not in name)):
         for way in ways(parameter):
             try:
                 task, numbers, world = drawn(scene, {parameter: way})

@@ -138,6 +138,8 @@ def check_parameter(key: str, drawn: Distribution) -> None:
             f"Disturbances.parameters names {key!r}{like(key, known)}; choose from {', '.join(known)}, of "
             "all parts, or of one, as 'box.mass'"
         )
+    if name == "radius" and parameter_of(key)[2] is not None:
+        raise ArgumentError(f"{label}: both sizes of a shape have one factor; name its radius")
     kinds = {"log-normal"} if name in FACTORS else {"uniform", "normal"} if name in SIGNED else set(LAWS)
     if name in POSITIVE or name in NONNEGATIVE:
         kinds.discard("normal")

@@ -53,7 +53,8 @@ def _parameters(task: Task, numbers: Numbers, row: np.ndarray) -> dict[str, LogN
         name, value, base = parameter_of(key)[1], float(row[c]), float(origin[c])
         if name in laws.FACTORS and base == 0.0:
             continue
-        factor = name in laws.FACTORS or (name not in laws.SIGNED and base > 0.0)
+        own = (*laws.SIGNED, *laws.SHARES)  # numbers, not factors
+        factor = name in laws.FACTORS or (name not in own and base > 0.0)
         before = out.get(key)
         out[key] = LogNormal(0.0, median=value / base) if factor else Uniform(value, value)
         if before is not None and not np.isclose(_number(before), _number(out[key]), rtol=1e-9, atol=0.0):
