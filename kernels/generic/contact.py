@@ -33,8 +33,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     ends = make_matrix().ends
     number, column = mech.number, mech.column
     GEO = wp.types.vector(8, dtype)
-    ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
-    NUDGE = dtype(NUDGES[given])
+    ZERO, ONE, TWO, NUDGE = dtype(0.0), dtype(1.0), dtype(2.0), dtype(NUDGES[given])
     TOUCHING, UNUSED = dtype(ROUNDING[given]), dtype(COLD)
     CUT = dtype(0.0 if residual == "hard" else make_smoothing(dtype, residual).cut)  # as in `acting.py`
     H, SIGMA, LOW, UP, FRICTION, RESTITUTION = (
