@@ -19,7 +19,6 @@ from .topology import CONTACT, LOWER, MOVES_A, MOVES_B, ROUND, TURN, Topology
 from .work import BESIDE, LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Island, Slot
 
 ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
-NUDGES = {wp.float64: 1e-12, wp.float32: 1e-7}  # of what is fastest: a rate beside that of the data
 
 AFRESH, JOINING, AGAIN, ALL = 0, 1, 2, 3  # which pairs are looked at; AGAIN: none, all stays
 
@@ -33,7 +32,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     ends = make_matrix().ends
     number, column = mech.number, mech.column
     GEO = wp.types.vector(8, dtype)
-    ZERO, ONE, TWO, NUDGE = dtype(0.0), dtype(1.0), dtype(2.0), dtype(NUDGES[given])
+    ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
     TOUCHING, UNUSED = dtype(ROUNDING[given]), dtype(COLD)
     CUT = dtype(0.0 if residual == "hard" else make_smoothing(dtype, residual).cut)  # as in `acting.py`
     H, SIGMA, LOW, UP, FRICTION, RESTITUTION = (
@@ -195,7 +194,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                 if t.bounces == 1:
                     rate = bounced(t, k, pair, r, rate)
                 if k.count[wp.static(BESIDE)] > 0:
-                    rate += beside(t, k, pair)
+                    rate += k.beside[pair]
                 for _same in range(t.pair_row[pair + 1] - t.pair_row[pair]):
                     k.gap[r] = rate
                     r += 1
@@ -212,16 +211,6 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             k.rate[i] = k.gap[i]
             k.sigma[i] = number(t, k, SIGMA, k.row[i])
             k.lift[i] = ZERO
-
-    @wp.func
-    def beside(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
-        """A rounding of what is fastest, of every pair another one: no two rows open at once by it."""
-        fastest = dtype(0.0)
-        for i in range(t.blocks):
-            fastest = wp.max(fastest, wp.length(k.vfree[i]))
-        tries = k.count[wp.static(BESIDE)]
-        part = wp.float64(tries * t.pairs + pair + 1) * wp.float64(0.6180339887498949)
-        return NUDGE * dtype(tries * tries) * fastest * (ONE + dtype(part - wp.floor(part)))
 
     @wp.func
     def touch(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int):

@@ -5,6 +5,7 @@ import warp as wp
 from ..contact.problem import COLD
 from ..factories import cached
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
+from .beside import make_beside
 from .contact import ROUNDING, make_contact
 from .friction.coulomb import COULOMB_PASSES, RETREATS, make_coulomb
 from .friction.direct import LAST, MANY, MOVES, NEARER, ONCE, RELAXED, SOME, STILL, make_direct
@@ -27,6 +28,7 @@ def make_island(given: type, residual: str) -> wp.Function:
     dtype = WORK
     number = make_mechanism(given).number
     contact = make_contact(given, residual)
+    step_aside = make_beside(given).step_aside
     solve = make_solver(given, residual).solve
     friction = make_coulomb(given) if residual == "hard" else None
     direct = make_direct(given) if residual == "hard" else None
@@ -290,6 +292,8 @@ def make_island(given: type, residual: str) -> wp.Function:
         if t.bounces == 1 and status != wp.static(SOLVED) and status != wp.static(NONFINITE):
             if contact.give_up_bounces(t, k, o) == 1:
                 status = settle_judged(t, k, o)
+        if status == wp.static(NOT_CONVERGED):
+            step_aside(t, k, o)
         return status
 
     return settle_with_room

@@ -13,6 +13,7 @@ from ..device.compile import packed
 from ..factories import cached
 from ..method import Method
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
+from .beside import MOST_BESIDE, make_beside
 from .contact import AFRESH, AGAIN, ALL, JOINING, make_contact
 from .friction.direct import MOST_LOOKS
 from .island import make_island
@@ -29,9 +30,6 @@ def residual_of(method: Method, rows: int) -> str:
     return method.residual if rows else "none"
 
 
-MOST_BESIDE = 3  # tries beside the gaps of what does not converge
-
-
 @cached
 def make_step(given: type, residual: str) -> SimpleNamespace:
     """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
@@ -39,6 +37,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     mech = make_mechanism(given)
     env = make_envelope()
     contact = make_contact(given, residual) if residual != "none" else None
+    beside = make_beside(given)
     settle = make_island(given, residual) if residual != "none" else None
     rounding = make_newton(given, residual).rounding if residual != "none" else None
     rearrange = make_order().rearrange
@@ -174,7 +173,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         many touch exactly, and nothing presses, no set of rows is better than the next.
         """
         led = k.count[wp.static(LED)]
-        k.count[wp.static(BESIDE)] = 0
+        if k.count[wp.static(BESIDE)] > 0:
+            beside.forget(t, k)
         status = contacts(t, k)
         if status == wp.static(NOT_CONVERGED) and led == 1:
             status = afresh(t, k)

@@ -90,6 +90,7 @@ class Slot:
     mode: wp.array(dtype=wp.int32)  # of Coulomb's friction; the list of rows that are held
     known: wp.array(dtype=wp.int32)  # (pairs) 1: near
     bounce: wp.array(dtype=WORK)  # (pairs) restitution of a near pair that bounces in this step, else 0
+    beside: wp.array(dtype=WORK)  # (pairs) added to d/h in a try beside the data
     near: wp.array(dtype=wp.int32)  # (pairs) list of the near pairs, ascending
     count: wp.array(dtype=wp.int32)
     group: wp.array(dtype=wp.int32)  # (groups + 1) first rows of groups, which share their blocks
@@ -185,6 +186,7 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.acting = work.acting[b]
     k.known = work.known[b]
     k.bounce = work.bounce[b]
+    k.beside = work.beside[b]
     k.near = work.near[b]
     k.count = work.count[b]
     k.group = work.group[b]
@@ -261,7 +263,7 @@ def lengths(s: Structure) -> dict[str, int]:
               "unseen", "place", "block", "first", "at")  # fmt: skip
     out |= matrices | dict.fromkeys(blocks, sizes.blocks) | dict.fromkeys(BY_ROW, s.nr)
     out |= dict.fromkeys(("entry", "group"), s.nr + 1)
-    out |= dict.fromkeys(("normal", "known", "near"), pairs) | {"link": 2 * pairs}
+    out |= dict.fromkeys(("normal", "known", "near", "beside"), pairs) | {"link": 2 * pairs}
     out["bounce"] = pairs if s.bounces else 0
     out |= dict.fromkeys(("island", "queue"), units)
     out |= dict.fromkeys(("item_order", "item_low"), sizes.items) | {"disc": 2 * sizes.items}

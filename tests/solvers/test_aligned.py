@@ -2,6 +2,8 @@
 presses, so that no set of rows is better than the next.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 from oracle import Oracle
@@ -43,8 +45,8 @@ def thrown(scene, side, worlds):
 
 @pytest.mark.parametrize("law, friction", [("hard", None), ("hard", 0.3), ("coulomb", None)])
 def test_aligned_boxes_are_solved(law, friction):
-    """Of nine boxes three in five rollouts were NOT_CONVERGED, 2 in 100 now; of four one in ten, none now."""
-    sizes = ((2, 60, 0), (3, 40, 8))
+    """Of nine boxes three in five rollouts were NOT_CONVERGED, 1 in 100 now; of four one in ten, none now."""
+    sizes = ((2, 60, 0), (3, 40, 2))
     for side, worlds, most in sizes[:1] if law == "coulomb" else sizes:
         scene = gas(side, friction)
         sim = slcp.Simulator(scene, LAWS[law], device="cpu", dtype="float64", strategy="generic")
@@ -54,15 +56,21 @@ def test_aligned_boxes_are_solved(law, friction):
 
 
 def test_what_is_solved_beside_its_gaps_is_a_solution():
-    """Of the data themselves, to 1e-10 of what is fastest: rows open, press or neither, momenta add up."""
-    scene = gas(2, None)
+    """Of the data themselves, to 1e-10 of what the boxes' rows are judged by, whatever else flies elsewhere:
+    rows open, press or neither.
+    """
+    quiet = gas(2, None)
+    scene = dataclasses.replace(quiet, bodies=(*quiet.bodies, Body("far", 1.0, 1.0, joint="free")))
     sim = slcp.Simulator(scene, LAWS["hard"], device="cpu", dtype="float64", strategy="generic")
-    states = sim.rollout(thrown(scene, 2, 60), steps=120).states.reshape(-1, 24)
-    x = states[np.random.default_rng(1).permutation(len(states))[:400]]
-    step = sim.step(x)
-    problem = Oracle(scene).problem(x)
-    v = step.state[:, 12:]
-    w = np.einsum("bij,bj->bi", problem["J"], v) + problem["rate"]
-    fastest = np.abs(x[:, 12:]).max(axis=1, initial=1e-3)[:, None]
-    assert (w > -1e-9 * fastest).all() and (step.impulse >= 0.0).all()
-    assert (np.minimum(step.impulse * problem["D"], w) < 1e-9 * fastest).all()
+    x0 = np.zeros((60, 2 * scene.nv))
+    x0[:, :12], x0[:, 15:27] = np.split(thrown(quiet, 2, 60), 2, axis=1)
+    x0[:, 27] = 1e6
+    traj = sim.rollout(x0, steps=20)
+    assert (traj.status == slcp.Status.SOLVED).all()
+    x = traj.states[:, :-1].reshape(-1, 30)
+    step, problem = sim.step(x), Oracle(scene).problem(x)
+    w = np.einsum("bij,bj->bi", problem["J"], step.state[:, 15:]) + problem["rate"]
+    fastest = np.abs(x[:, 15:27]).max(axis=1, initial=1e-3)[:, None]
+    assert (step.status == slcp.Status.SOLVED).all()
+    assert (w > -1e-10 * fastest).all() and (step.impulse >= 0.0).all()
+    assert (np.minimum(step.impulse * problem["D"], w) < 1e-10 * fastest).all()
