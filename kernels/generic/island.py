@@ -289,7 +289,7 @@ def make_island(given: type, residual: str) -> wp.Function:
     def settle_with_room(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """`settle_judged`; where what bounces finds its way back shut, without bouncing."""
         status = settle_judged(t, k, o)
-        if t.bounces == 1 and status != wp.static(SOLVED) and status != wp.static(NONFINITE):
+        if t.bounces == 1 and (status == wp.static(INFEASIBLE) or status == wp.static(JAMMED)):
             if contact.give_up_bounces(t, k, o) == 1:
                 status = settle_judged(t, k, o)
         if status == wp.static(NOT_CONVERGED):

@@ -113,11 +113,17 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
                 "spring_point": u(-0.5, 0.5, k, 2, 2)}  # fmt: skip
         tied = mass[:, [max(ends) for ends in s.springs]]
         out["spring_stiffness"] = stiffened(rng, scene, out["spring_stiffness"], tied, h)
+    if s.bounces:
+        whole = rng.choice([0.0, 1.0], (n, len(s.pairs)))
+        out["restitution"] = np.where(rng.random((n, 1)) < 0.2, whole, u(0.0, 1.0, len(s.pairs)))
     _lay_guides(rng, scene, out, cosine)
     first = 0  # pair of a contact; all of its pairs have one coefficient
     for contact in scene.all_contacts:
         pairs = range(first, first + len(contact_ends(scene.shapes, contact)))
         out["friction"][:, pairs] = 0.0 if contact.friction is None else out["friction"][:, pairs[:1]]
+        if s.bounces:
+            out["restitution"][:, pairs] *= 0.0 if contact.restitution is None else 1.0
+            out["restitution"][:, pairs] = out["restitution"][:, pairs[:1]]
         first = pairs.stop
     return {name: single(value) for name, value in out.items()}
 

@@ -106,7 +106,7 @@ def judge(problem: Problem, out: Outcome, answer: tuple[Array, Array] | None = N
     lenient["contact"] = _highest(error / (tol * swing + extra))
     size = np.maximum(problem.size * truth.h[:, None], 1e-30)
     wide = np.where(problem.unclear | problem.tangent, np.inf, 40.0 * EPSILON[problem.dtype] * size)
-    known = problem.rate * truth.h[:, None]
+    known = problem.near * truth.h[:, None]
     strict["gap"] = _highest(np.abs(np.where(problem.tangent, 0.0, out.gap - known)) / wide)
     strict["energy"], lenient["energy"] = _energy(problem, v1, like_v)
     for name in ("update", "gap"):

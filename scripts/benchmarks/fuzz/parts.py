@@ -13,6 +13,8 @@
 - locked: one step of mechanisms whose joints' limits meet;
 - blocks: mechanisms with rectangles, followed for up to 20 steps;
 - block-derivatives: derivatives of these;
+- bounces: mechanisms with restitution, followed for up to 20 steps;
+- bounce-derivatives: derivatives of these;
 - rotors: one to four steps of mechanisms with armature at half of their joints.
 """
 
@@ -26,7 +28,7 @@ from slcp_warp.options import Options
 
 from .draws import Worlds, decades, draw_worlds, single
 from .heaps import heap_worlds, random_heap, random_pile, random_tower
-from .structures import JOINTS, Size, random_auto, random_blocks, random_scene
+from .structures import JOINTS, Size, random_auto, random_blocks, random_bouncers, random_scene
 
 Rng = np.random.Generator
 FOLLOWED = (20, 50)
@@ -113,5 +115,7 @@ PARTS = {
     "locked": Part((99, 7), locked_scene, locked_worlds),
     "blocks": Part((99, 11), random_blocks, steps=(1, 20)),
     "block-derivatives": Part((99, 12), random_blocks, strategies=("generic",), differentiated=True),
+    "bounces": Part((99, 13), random_bouncers, steps=(1, 20), strategies=("generic",)),
+    "bounce-derivatives": Part((99, 14), random_bouncers, strategies=("generic",), differentiated=True),
     "rotors": Part((99, 10), rotor_scene, steps=(1, 4)),
 }

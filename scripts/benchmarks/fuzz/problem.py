@@ -6,7 +6,9 @@ relative to. They come from the data (the state, the numbers, the free velocity)
 that is judged.
 """
 
+import copy
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +20,7 @@ from slcp_warp.kernels.method import Method
 from ..mechanics.contact import Touches, touches
 from ..mechanics.level import level, level_touches
 from ..mechanics.tree import Mechanics
+from .bounces import met
 from .draws import Worlds
 
 TOLERANCE = {"float64": 1e-10, "float32": 2e-5}  # of the size of the terms: the documented accuracy
@@ -181,7 +184,10 @@ class Problem:
 
     Attributes:
         jac: J.
-        rate: d/h.
+        rate: d/h, of rows that bounce e J_n v.
+        near: d/h of all.
+        parts: e J_n v of pairs, where a scene has restitution.
+        bounces: which pairs bounce.
         bound: of |J| entries by what they are the sum of.
         tangent: Coulomb's tangential rows.
         mu: friction coefficients (B, nr).
@@ -228,7 +234,15 @@ class Problem:
         self.jac, self.bound = _stack(rows, zero), _stack(bounds, zero)
         self.rate, self.mu, self.size = (_stack(x, truth.h) for x in (rates, mus, sizes))
         self.unclear = _stack(unclear, truth.h > 0.0)
+        self.near = self.rate
+        self.bounces = np.zeros((len(truth.h), len(s.pairs)), bool)
         self._respond()
+        if s.bounces:
+            self.parts, self.bounces, unsure = met(self)
+            of_pairs = [row.index if row.kind == "contact" else 0 for row in s.rows]
+            contact = np.array([row.kind == "contact" for row in s.rows]) & ~self.tangent
+            self.unclear = self.unclear | (unsure[:, of_pairs] & contact)
+            self._bounce()
         self.sigma = self._sigma()
 
     def _respond(self) -> None:
@@ -236,6 +250,23 @@ class Problem:
         self.a = self.jac @ np.linalg.solve(self.drive.h_mass, np.swapaxes(self.jac, 1, 2))
         self.diag = np.einsum("bii->bi", self.a)
         self.free = self.rate + np.einsum("bij,bj->bi", self.jac, self.drive.free)
+
+    def _bounce(self) -> None:
+        """Rates e J_n v in place of d/h for the pairs that bounce."""
+        self.rate = self.near.copy()
+        for i, row in enumerate(self.truth.s.rows):
+            if row.kind == "contact" and not self.tangent[i]:
+                here = self.bounces[:, row.index]
+                self.rate[here, i] = self.parts[here, row.index]
+        self._respond()
+
+    def with_bounces(self, pairs: Sequence[int]) -> "Problem":
+        """The same where of the pairs that bounce none but these do."""
+        out = copy.copy(self)
+        out.bounces = np.zeros_like(self.bounces)
+        out.bounces[:, list(pairs)] = self.bounces[:, list(pairs)]
+        out._bounce()
+        return out
 
     def start_from(self, rate: Array) -> None:
         """Take other values of d/h."""
@@ -247,17 +278,17 @@ class Problem:
         moves them along its surface alone, by the distance.
         """
         s = self.truth.s
-        most = self.rate + np.clip(-self.rate, 0.0, GIVEN[self.dtype] * self.size)
-        self.rate = most if told is None else np.clip(told / self.truth.h[:, None], self.rate, most)
+        most = self.near + np.clip(-self.near, 0.0, GIVEN[self.dtype] * self.size)
+        self.near = most if told is None else np.clip(told / self.truth.h[:, None], self.near, most)
         for i, row in enumerate(s.rows):
             if row.kind == "contact":
                 pair, tangent = s.pairs[row.index], self.tangent[i]
                 sides = [s.shapes[shape].body for shape in (pair.shape_a, pair.shape_b)]
                 both = [j for j in range(s.nv) if all(s.turns(body, j) for body in sides)]
                 slope = 0.0 if self.method.coulomb else row.sign * self.mu[:, i]
-                gap = self.rate[:, i - tangent] * self.truth.h
+                gap = self.near[:, i - tangent] * self.truth.h
                 self.jac[:, i, both] = (gap * np.where(tangent, 1.0, slope))[:, None]
-        self._respond()
+        self._bounce()
 
     def _is_tangent(self, row: object) -> bool:
         return self.method.coulomb and row.kind == "contact" and row.sign < 0  # type: ignore[attr-defined]

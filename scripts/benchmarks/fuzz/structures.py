@@ -69,6 +69,20 @@ def random_blocks(rng: Rng, name: str, size: Size = Size()) -> Scene:
             return out
 
 
+def random_bouncers(rng: Rng, name: str, size: Size = Size()) -> Scene:
+    """A scene, half of whose contacts have a coefficient of restitution, one of them at least; with
+    rectangles in half of the draws.
+    """
+    while True:
+        scene = (random_blocks if rng.random() < 0.5 else random_scene)(rng, name, size)
+        contacts = tuple(
+            dataclasses.replace(c, restitution=0.5) if rng.random() < 0.5 else c
+            for c in scene.all_contacts
+        )  # fmt: skip
+        if any(c.restitution for c in contacts):
+            return dataclasses.replace(scene, contacts=contacts)
+
+
 def _assembled(
     rng: Rng, name: str, bodies: tuple[Body, ...], shapes: tuple[Shape, ...], **touching: Any
 ) -> Scene:
@@ -187,8 +201,10 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
             offset=flat(numbers["shape_offset"][i]), angle=float(numbers["shape_angle"][i]),
         ))  # fmt: skip
     for contact in scene.all_contacts:
-        mu = float(numbers["friction"][pair])
-        contacts.append(contact if contact.friction is None else dataclasses.replace(contact, friction=mu))
+        for kind in ("friction", "restitution"):
+            if getattr(contact, kind) is not None and kind in numbers:
+                contact = dataclasses.replace(contact, **{kind: float(numbers[kind][pair])})
+        contacts.append(contact)
         pair += len(contact_ends(scene.shapes, contact))
     for i, spring in enumerate(scene.springs):
         ends = numbers["spring_point"][i]

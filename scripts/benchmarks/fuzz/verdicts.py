@@ -17,6 +17,7 @@ import numpy as np
 from slcp_warp.description.kinematics import Array
 from slcp_warp.options import Status
 
+from .bounces import given_up
 from .draws import CLASSES
 from .judge import Errors, Outcome, ended, judge
 from .problem import EPSILON, FLOOR, LEVER, LOST_ROWS, Problem
@@ -58,18 +59,33 @@ class Verdicts:
         with np.errstate(all="ignore"):
             self.errors = judge(problem, out)
         self.worst = np.where(solved, np.minimum(self.errors.worst(), self.errors.worst("lenient")), 0.0)
+        for i in np.flatnonzero(solved & problem.bounces.any(1) & ~(self.errors.worst() <= 1.0)).tolist():
+            solved[i] = not self._gave_up(i)
         bad = solved & ((self.errors.worst("lenient") > 1.0) | ~finite)
         for i in np.flatnonzero(bad).tolist():
             self._set(i, SILENT, "not finite" if not finite[i] else self.errors.name(i))
         for count, i in enumerate(np.flatnonzero(solved & ~bad & (self.errors.worst() > 1.0)).tolist()):
             self._earn(i, count < PROOFS)
-        for count, i in enumerate(np.flatnonzero(~solved).tolist()):
+        for count, i in enumerate(np.flatnonzero(out.status != Status.SOLVED).tolist()):
             self._status(i, count < PROOFS)
         if len(problem.tangent):
             unclear = (problem.unclear & ~(problem.free > 1e3 * problem.terms(np.abs(problem.truth.v)))).any(
                 1
             )
             self.verdict[unclear & (self.verdict != HOLDS)] = AMBIGUOUS
+
+    def _gave_up(self, i: int) -> bool:
+        """Whether world i holds where fewer of its pairs bounce: only where not all of them can, it may."""
+        p, out = self.part(np.array([i])), self.out.part(i)
+        found = next((q for q in given_up(p) if judge(q, out).worst()[0] <= 1.0), None)
+        if found is None:
+            return False
+        if widest_opening(p, 0) > CLEAR:
+            solution: Any = self._tried(p, None) if p.method.coulomb else True
+            if solution is not None:
+                self._set(i, UNPROVEN if solution is False else SILENT, "bounces less than it can")
+        self.worst[i] = float(judge(found, out).worst()[0])
+        return True
 
     def doubt(self, known: Array) -> None:
         """Call unproven what hangs on an equation of motion that the oracle cannot write down (B,)."""
@@ -136,6 +152,12 @@ class Verdicts:
         with np.errstate(all="ignore"):
             return bool(judge(p, self.out.part(i)).worst()[0] <= 1.0)
 
+    def _solvable(self, p: Problem) -> list[Problem]:
+        """The only world's problem, also without bouncing: alone, where Coulomb's friction jams what bounces."""
+        either = _either(p)
+        jams = len(either) > 1 and p.method.coulomb and not isinstance(self._tried(p, None), tuple)
+        return either[:1] if jams else either
+
     def _is_runaway(self, p: Problem, i: int) -> bool:
         """Whether the answer is faster than what may still be called an opening, by what acts at v_free."""
         v = np.abs(self.out.x[i, p.truth.s.nv :])
@@ -173,12 +195,13 @@ class Verdicts:
         p = self.part(np.array([i]))
         cache = truth.openings.setdefault((p.method.coulomb, p.dtype), {})
         if i not in cache:
-            cache[i] = widest_opening(p, 0)
+            cache[i] = max(widest_opening(q, 0) for q in self._solvable(p))
         opening = cache[i]
         if status == Status.INFEASIBLE and opening > CLEAR:
             self._set(i, WRONG, f"INFEASIBLE, but rows open by {opening:.1e}")
         if status == Status.JAMMED:
-            found = self._tried(p, None)
+            tried = [self._tried(q, None) for q in _either(p)]
+            found = next((one for one in tried if one is not None), None)
             if isinstance(found, tuple):  # a far limit's d/h is no measure of a contact that enters by less
                 v, lam = found
                 near = (lam != 0.0) | (p.rate[0] + p.jac[0] @ v < 1e-2 * p.terms(np.abs(p.truth.v))[0])
@@ -188,6 +211,11 @@ class Verdicts:
             elif found is not None:
                 self._set(i, WRONG, "JAMMED, but a solution exists")
         return None
+
+
+def _either(p: Problem) -> list[Problem]:
+    """The only world's problem, and without bouncing where it does."""
+    return [p.with_bounces(()), p] if p.bounces.any() else [p]
 
 
 def _eased(p: Problem, near: Array) -> Any:
