@@ -10,7 +10,7 @@ import warp as wp
 
 from ..factories import cached
 from .topology import CONTACT, Topology
-from .work import BESIDE, WORK, Island, Slot
+from .work import ASIDE, BESIDE, WORK, Island, Slot
 
 NUDGES = {wp.float64: 1e-12, wp.float32: 1e-7}  # of what a row is judged by,
 OTHERS = 1e-3  # and this part of that of the fastest row in the island, for those where nothing moves
@@ -26,14 +26,17 @@ def make_beside(given: type) -> SimpleNamespace:
 
     @wp.func
     def forget(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """Every gap is that of the data."""
+        """Every gap is that of the data again."""
         k.count[wp.static(BESIDE)] = 0
-        for pair in range(t.pairs):
-            k.beside[pair] = ZERO
+        if k.count[wp.static(ASIDE)] == 1:
+            k.count[wp.static(ASIDE)] = 0
+            for pair in range(t.pairs):
+                k.beside[pair] = ZERO
 
     @wp.func
     def step_aside(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Choose the next try of an island that does not converge; others keep theirs, or the data."""
+        k.count[wp.static(ASIDE)] = 1
         tries = k.count[wp.static(BESIDE)] + 1
         fastest = dtype(0.0)
         for r in range(o.row, o.last_row):

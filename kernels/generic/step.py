@@ -173,10 +173,10 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         many touch exactly, and nothing presses, no set of rows is better than the next.
         """
         led = k.count[wp.static(LED)]
-        if k.count[wp.static(BESIDE)] > 0:
-            beside.forget(t, k)
+        beside.forget(t, k)
         status = contacts(t, k)
         if status == wp.static(NOT_CONVERGED) and led == 1:
+            beside.forget(t, k)
             status = afresh(t, k)
         most = int(wp.static(MOST_BESIDE))
         if t.coulomb == 1 and t.nr > t.pairs + t.limits:

@@ -21,8 +21,8 @@ WORD, LINE = 8, 64  # bytes
 WIDTH = 8  # rows that a CPU takes at once: what is by row begins and ends at multiples of them there
 LANES = 16  # right-hand sides that are solved at once: two registers of a CPU halve what a loop costs
 Lanes = wp.types.vector(LANES, WORK)
-NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS, LOOKS, LED, BESIDE = range(
-    10
+NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS, LOOKS, LED, BESIDE, ASIDE = range(
+    11
 )  # in `count`; orders: 0, 1
 
 
@@ -255,7 +255,7 @@ def lengths(s: Structure) -> dict[str, int]:
     """Items of every workspace of a structure."""
     sizes = tables(s)[1]
     pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
-    out = dict.fromkeys(("frame", "twist"), s.nb) | {"numbers": sizes.numbers, "count": BESIDE + 1}
+    out = dict.fromkeys(("frame", "twist"), s.nb) | {"numbers": sizes.numbers, "count": ASIDE + 1}
     out |= dict.fromkeys(("q", "v0", "column"), s.nv) | {"shape": 2 * shapes}
     matrices = dict.fromkeys(("mass", "mass_factor"), sizes.mass) | {"jac": sizes.entries}
     matrices |= dict.fromkeys(("factor", "upper"), sizes.matrix)

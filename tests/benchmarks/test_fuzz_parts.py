@@ -49,7 +49,7 @@ def rolled(task=ROLLED, options=HARD, dtype="float64"):
     return worlds, us, sim, roll(sim, worlds, us)
 
 
-@pytest.mark.parametrize(("part", "scene"), [("rollouts", 5), ("auto", 8), ("heaps", 1), ("heaps", 10)])
+@pytest.mark.parametrize(("part", "scene"), [("rollouts", 5), ("auto", 8), ("heaps", 1), ("heaps", 10), ("bounces", 3)])
 def test_small_runs_of_the_parts_have_no_silent_failure(part, scene):
     task = Task(1, scene, "generic", residuals=("hard",), per_chunk=4, part=part)
     assert items_first(task.make_scene().structure) == (part == "auto") and task.steps > 10
@@ -60,6 +60,29 @@ def test_small_runs_of_the_parts_have_no_silent_failure(part, scene):
     }
     assert counts["worlds"] > 4 * 6 * task.steps / 3  # six methods; some worlds end before
     assert counts["SOLVED"] > 0.5 * counts["worlds"]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.9])
+def test_what_bounces_less_than_it_can_is_noticed(share):
+    """Pairs that close and that nothing keeps from bouncing, with less restitution than they have."""
+    task = Task(1, 0, "generic", per_chunk=200, part="bounces")
+    scene = task.make_scene()
+    worlds, sim = task.worlds(0, scene), simulator(scene, HARD, "float64", "generic")
+    right, done = judged(worlds, sim)
+    bounces = right.problem.bounces.any(1) & (done.impulse > 0.0).any(1)
+    bounces &= (np.asarray(done.status) == slcp.Status.SOLVED) & (right.verdict == HOLDS)
+    less = dict(worlds.numbers, restitution=share * worlds.numbers["restitution"])
+    other = sim.step(worlds.x, worlds.u if sim.nu else None, parameters(sim, less))
+    found, _ = judged(worlds, sim, out=Outcome.of(other))
+    differs = bounces & (np.abs(other.state - done.state) > 1e-6).any(1) & (np.asarray(other.status) == 0)
+    assert differs.sum() > 5 and (found.verdict[differs] == SILENT).mean() > 0.9  # some may have no room
+    assert (right.verdict != SILENT).all() and (found.verdict[~right.problem.bounces.any(1)] != SILENT).all()
+
+
+def test_what_bounces_is_not_given_up_for_being_hard_to_solve():
+    """Pairs with masses of 1:1e6 and more in single precision: they bounced less than they can, SOLVED."""
+    task = Task(5, 0, "generic", residuals=("hard",), per_chunk=40, part="bounces")
+    assert [f for f in run_task(task).failures if f.verdict in (SILENT, WRONG)] == []
 
 
 @pytest.mark.parametrize("friction", ["anitescu", "coulomb"])

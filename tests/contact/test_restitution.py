@@ -123,6 +123,11 @@ def test_derivatives_through_a_bounce(law):
     error = np.abs(A - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))
     assert error.max() < 1e-6, error
 
+    weight = np.zeros((len(x), 2, sim.nx))
+    weight[:, 1] = np.random.default_rng(0).standard_normal((len(x), sim.nx))
+    back = slcp.vjp(sim, x, u[:, None], weight).x0
+    np.testing.assert_allclose(back, np.einsum("bij,bi->bj", A, weight[:, 1]), rtol=1e-9, atol=1e-9)
+
     def rows(traj, params):
         return (traj.impulse[:, 0] > 0.0).astype(int)
 

@@ -139,6 +139,7 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
             turning = w.twist[set * t.nb + body][0]
             out.turn_a += turning * wp.vec3d(by_normal, by_tangent, by_friction)
             out.by_a += move.point_back(t, w, set, body, rho, -along)
+            move.spin_back(t, w, set, body, by_normal * g.ha[1] - by_tangent * g.ha[0])
         body = t.shape_body[t.pair_b[pair]]
         if body != WORLD:
             rho = lever(k, body, g.pb)
@@ -146,6 +147,7 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
             turning = w.twist[set * t.nb + body][0]
             out.turn_b += turning * wp.vec3d(by_normal, by_tangent, by_friction)
             out.by_b += move.point_back(t, w, set, body, rho, along)
+            move.spin_back(t, w, set, body, by_normal * g.hb[1] - by_tangent * g.hb[0])
         out.vn += by_normal * v
         out.vt += by_tangent * v
         out.vm += by_friction * v

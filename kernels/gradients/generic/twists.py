@@ -114,6 +114,12 @@ def make_twists(given: type) -> SimpleNamespace:
         return w.twist[at][0] * back(by)
 
     @wp.func
+    def spin_back(t: wp.ref[Topology], w: wp.ref[View], set: int, body: int, by: wp.float64):
+        """Adds a slope by a body's rate of turning."""
+        at = set * t.nb + body
+        w.by_twist[at] = w.by_twist[at] + wp.vec3d(by, ZERO, ZERO)
+
+    @wp.func
     def turn_back(w: wp.ref[View], body: int, by: wp.float64):
         """Adds a slope by a body's angle."""
         w.by_frame[body] = w.by_frame[body] + wp.vec3d(ZERO, ZERO, by)
@@ -209,6 +215,7 @@ def make_twists(given: type) -> SimpleNamespace:
         accelerate=accelerate,
         point=point,
         point_back=point_back,
+        spin_back=spin_back,
         turn_back=turn_back,
         pull=pull,
         settle=settle,

@@ -67,7 +67,9 @@ def jacobian_errors(sim: Any, x: Array, u: Array, params: Any) -> tuple[Array, A
 
 
 def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tuple[Array, Array]:
-    """Errors of the gradient of a random weight of x' by every parameter, and whether to trust them (B,)."""
+    """Errors of the gradient of a random weight of x' by every parameter, and whether to trust them (B,);
+    that by state and controls is compared with A and B.
+    """
     weight = np.random.default_rng(seed).standard_normal(x.shape)
     tracked = params.track()
     kinds = {"dtype": sim.dtype, "device": "cpu"}
@@ -77,6 +79,10 @@ def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tup
         done = sim.step(start, control if sim.nu else None, tracked)
     tape.backward(grads={done.state: wp.array(weight, **kinds)})
     good = done.status.numpy() == 0
+    lin = sim.linearize(x, u if sim.nu else None, params)
+    through = np.einsum("bi,bij->bj", weight, np.concatenate([lin.A, lin.B], 2))
+    own = np.concatenate([start.grad.numpy()] + [control.grad.numpy()] * (sim.nu > 0), 1)
+    misses = np.abs(own - through).max(1) / (np.abs(through).max(1) + 1e-300)
     exact: list[Array] = []
     forwards: list[Array] = []
     backwards: list[Array] = []
@@ -93,8 +99,11 @@ def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tup
         for k in np.ndindex(*shape):
             if name in BUILT and not acting(sim.scene.structure, name)[k[0]]:
                 continue  # no kernel reads it
-            size = np.maximum(np.abs(base[(slice(None), *k)]), 1e-3 if name not in ONE_SIDED else 0.0)
-            if not size.all() or name in SKIPPED:
+            at = base[(slice(None), *k)]
+            size = np.maximum(np.abs(at), 1e-3 if name not in ONE_SIDED else 0.0)
+            if name in SHARES:
+                size = np.minimum(at, 1.0 - at)
+            elif not size.all() or name in SKIPPED:
                 continue
             here = value(name, base)
             for side, columns in ((1.0, forwards), (-1.0, backwards)):
@@ -107,11 +116,13 @@ def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tup
             place = int(np.ravel_multi_index(k, shape)) if shape else 0
             exact.append(gradient[:, place] * size)
     error, trusted = compare(np.stack(exact, 1), np.stack(forwards, 2), np.stack(backwards, 2))
-    return error, trusted & good
+    misses = np.where(np.asarray(lin.status) == 0, misses, 0.0)
+    return np.maximum(error, misses), trusted & good
 
 
 ONE_SIDED = ("mass", "inertia", "step_size", "sigma", "radius", "damping", "armature", "friction",
              "spring_damping", "spring_length", "shape_angle")  # fmt: skip
+SHARES = ("restitution",)  # in [0, 1], and at an end of it without differences
 SKIPPED = (
     "axis",
     "position_covariance",

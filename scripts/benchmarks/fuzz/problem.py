@@ -186,7 +186,7 @@ class Problem:
         jac: J.
         rate: d/h, of rows that bounce e J_n v.
         near: d/h of all.
-        parts: e J_n v of pairs, where a scene has restitution.
+        parts: e J_n v of pairs.
         bounces: which pairs bounce.
         bound: of |J| entries by what they are the sum of.
         tangent: Coulomb's tangential rows.
@@ -235,7 +235,8 @@ class Problem:
         self.rate, self.mu, self.size = (_stack(x, truth.h) for x in (rates, mus, sizes))
         self.unclear = _stack(unclear, truth.h > 0.0)
         self.near = self.rate
-        self.bounces = np.zeros((len(truth.h), len(s.pairs)), bool)
+        self.parts = np.zeros((len(truth.h), len(s.pairs)))
+        self.bounces = self.parts > 0.0
         self._respond()
         if s.bounces:
             self.parts, self.bounces, unsure = met(self)
@@ -270,7 +271,7 @@ class Problem:
 
     def start_from(self, rate: Array) -> None:
         """Take other values of d/h."""
-        self.free, self.rate = self.free + rate - self.rate, rate
+        self.free, self.rate, self.near = self.free + rate - self.rate, rate, rate
 
     def ease(self, told: Array | None = None) -> None:
         """Take overlaps for less by what rounding of lengths may have made of them, or for what they are
