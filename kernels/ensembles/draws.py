@@ -62,6 +62,24 @@ def make_draw_kernel(dtype: type) -> wp.Kernel:
     return draw_kernel
 
 
+@cached
+def make_corners_kernel(dtype: type) -> wp.Kernel:
+    """Keep column `columns[k, 0]` within the columns 1 and 2 beside it."""
+
+    @specialised
+    def corners_kernel(
+        first: int,
+        columns: wp.array2d(dtype=wp.int32),  # (R, 3)
+        out: wp.array2d(dtype=dtype),  # (B, C)
+    ):
+        i = first + wp.tid()
+        for k in range(columns.shape[0]):
+            c = columns[k, 0]
+            out[i, c] = wp.min(out[i, c], wp.min(out[i, columns[k, 1]], out[i, columns[k, 2]]))
+
+    return corners_kernel
+
+
 @specialised
 def pick_kernel(first: int, world0: int, seed: int, starts: int, pick: wp.array(dtype=wp.int32)):
     """Which start worlds `world0 + i` begin near."""

@@ -28,7 +28,7 @@ WIDTH = 5  # value, number of values, a second value and two times
 TOUCH = 1e-6  # impulse above which a contact counts as one [N s]
 FAR = 1e300  # distance where there is none [m]
 ABSOLUTE, SINCE, BOTH = 1, 2, 3  # how a signal is taken: absolute, less its value at the start
-NONE = -1  # no pair: all of them; no state to take off
+NONE = -1  # no state to take off
 
 
 class Users(NamedTuple):
@@ -50,7 +50,9 @@ def make_tables(dtype: type) -> type:
 
     @wp.struct
     class Measures:
-        signal: wp.array2d(dtype=wp.int32)  # (S, 5): kind, place, state to take off, how, measure to take off
+        signal: wp.array2d(
+            dtype=wp.int32
+        )  # (S, 5): kind, place, state to take off or pairs' end, how, measure to take off
         since: int  # of the last measures, which come first in a step: what relative signals began with
         bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
         compared: wp.array(dtype=wp.int32)  # (A,): its signal
@@ -76,9 +78,9 @@ def make_measures(
         nx: states.
         nu: controls.
         dtype: of states and controls.
-        contacts: struct `Contacts` of a step's contacts and what reads it, in float64, of a pair or, for
-            NONE, of all: `push(c, pair)`, the largest normal impulse; `impulse(c, pair)`, their sum;
-            `gap(c, pair)`, the lowest distance, FAR where there is no pair.
+        contacts: struct `Contacts` of a step's contacts and what reads it, in float64, of the pairs first,
+            ..., end - 1: `push(c, first, end)`, the largest normal impulse; `impulse(c, first, end)`, their
+            sum; `gap(c, first, end)`, the lowest distance, FAR where there is no pair.
         users: their functions are (x, u, time), of signals of kind FUNCTION.
     """
     Measures = make_tables(dtype)
@@ -112,11 +114,11 @@ def make_measures(
         if kind == wp.static(TIME):
             return time
         if kind == wp.static(CONTACT):
-            return wp.where(contacts.push(c, place) > wp.float64(TOUCH), ONE, ZERO)
+            return wp.where(contacts.push(c, place, m.signal[s, 2]) > wp.float64(TOUCH), ONE, ZERO)
         if kind == wp.static(GAP):
-            return contacts.gap(c, place)
+            return contacts.gap(c, place, m.signal[s, 2])
         if kind == wp.static(IMPULSE):
-            return contacts.impulse(c, place)
+            return contacts.impulse(c, place, m.signal[s, 2])
         if wp.static(users.points):
             if kind == wp.static(POINT):
                 return coordinate(m, place, x) - wp.where(
@@ -278,29 +280,23 @@ def make_contacts(pairs: int) -> SimpleNamespace:
         return c
 
     @wp.func
-    def push(c: Contacts, pair: int):
-        if pair != wp.static(NONE):
-            return c.impulse[pair]
+    def push(c: Contacts, first: int, end: int):
         most = wp.float64(0.0)
-        for p in range(pairs):
+        for p in range(first, end):
             most = wp.max(most, c.impulse[p])
         return most
 
     @wp.func
-    def impulse(c: Contacts, pair: int):
-        if pair != wp.static(NONE):
-            return c.impulse[pair]
+    def impulse(c: Contacts, first: int, end: int):
         total = wp.float64(0.0)
-        for p in range(pairs):
+        for p in range(first, end):
             total += c.impulse[p]
         return total
 
     @wp.func
-    def gap(c: Contacts, pair: int):
-        if pair != wp.static(NONE):
-            return c.distance[pair]
+    def gap(c: Contacts, first: int, end: int):
         least = wp.float64(FAR)
-        for p in range(pairs):
+        for p in range(first, end):
             least = wp.min(least, c.distance[p])
         return least
 
@@ -318,33 +314,24 @@ def make_listed_contacts() -> SimpleNamespace:
         on: int  # 0: nothing touches
 
     @wp.func
-    def push(c: Contacts, pair: int):
+    def push(c: Contacts, first: int, end: int):
         most = wp.float64(0.0)
-        if c.on == 1:
-            if pair != wp.static(NONE):
-                return c.impulse[pair]
-            for p in range(c.impulse.shape[0]):
-                most = wp.max(most, c.impulse[p])
+        for p in range(first, end * c.on):
+            most = wp.max(most, c.impulse[p])
         return most
 
     @wp.func
-    def impulse(c: Contacts, pair: int):
+    def impulse(c: Contacts, first: int, end: int):
         total = wp.float64(0.0)
-        if c.on == 1:
-            if pair != wp.static(NONE):
-                return c.impulse[pair]
-            for p in range(c.impulse.shape[0]):
-                total += c.impulse[p]
+        for p in range(first, end * c.on):
+            total += c.impulse[p]
         return total
 
     @wp.func
-    def gap(c: Contacts, pair: int):
+    def gap(c: Contacts, first: int, end: int):
         least = wp.float64(FAR)
-        if c.on == 1:
-            if pair != wp.static(NONE):
-                return c.distance[pair]
-            for p in range(c.distance.shape[0]):
-                least = wp.min(least, c.distance[p])
+        for p in range(first, end * c.on):
+            least = wp.min(least, c.distance[p])
         return least
 
     return SimpleNamespace(Contacts=Contacts, push=push, impulse=impulse, gap=gap)

@@ -1,7 +1,6 @@
 """Columns of the table of parameters by the names of their parts: "block.mass", "hand.com_x"."""
 
 import difflib
-import re
 from collections.abc import Iterable
 
 import numpy as np
@@ -10,14 +9,12 @@ from slcp_warp.kernels.structure import layout
 
 from ..inputs.errors import ArgumentError
 from .acting import OF_PAIRS, parts_of
-from .names import ENDS, some, turned
+from .names import END, some, turned
 from .scene import Scene
 
 COMPONENTS = {
     f"{name}_{axis}": (name, i) for name in ("com", "anchor", "shape_offset") for i, axis in enumerate("xy")
 } | {f"radius_{i}": ("radius", i) for i in range(2)}
-
-END = re.compile(r"\((?:" + "|".join(map(re.escape, ENDS.values())) + r")\)(?=/|$)")  # behind a name
 
 
 def parameter_of(key: str) -> tuple[str, str, int | None]:

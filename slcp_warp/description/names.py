@@ -6,6 +6,7 @@ one, `block.x`, `block.y`, `block.angle` of a free body; its velocity has a v be
 """
 
 import difflib
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ FEW = 40  # names that an error lists
 WORLD_NAME = "world"  # at the end of a spring
 SIDES = {1: "+", -1: "-"}  # of the tangent, in the two rows n + mu t and n - mu t of a contact with friction
 ENDS = SIDES | {end: str(i) for i, end in enumerate(CORNERS)}  # of capsules, and corners of rectangles
+END = re.compile(r"\((?:" + "|".join(map(re.escape, ENDS.values())) + r")\)(?=/|$)")  # behind a name
 
 
 def dofs_of(bodies: Sequence["Body"]) -> list[tuple[str, str]]:
@@ -112,6 +114,17 @@ def pair_index(label: str, which: int | str, pairs: Sequence[str]) -> int:
     if isinstance(which, str) and which not in pairs:
         which = turned(which) if turned(which) in pairs else which
     return index_of(label, which, pairs)
+
+
+def pair_range(label: str, which: int | str, pairs: Sequence[str]) -> tuple[int, int]:
+    """As `pair_index`, of one pair or of all of two shapes: the first, and one after the last."""
+    plain = [END.sub("", pair) for pair in pairs]
+    if isinstance(which, str) and which not in pairs and turned(which) not in pairs:
+        which = turned(which) if turned(which) in plain else which
+        if which in plain:
+            return plain.index(which), len(plain) - plain[::-1].index(which)
+    first = pair_index(label, which, pairs)
+    return first, first + 1
 
 
 def turned(pair: str) -> str:

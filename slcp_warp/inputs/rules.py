@@ -26,6 +26,7 @@ NONNEGATIVE = (
 OF_EITHER_SIGN = ("gravity", "gear", "stiffness", "spring_stiffness")
 PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, *OF_EITHER_SIGN} - {"period"})  # by factors
 COVARIANCES = ("position_covariance", "velocity_covariance")
+SINGLE = 1e-6  # by which a number that was kept in single precision may be larger
 UNIT = 5e-3  # by how much the length of a direction may differ from 1
 HINTS = {"sigma": '; for the problem without noise use Options(residual="hard")'}
 
@@ -87,7 +88,7 @@ def check_corners(
 ) -> None:
     """Raise an error for corner radii (...) that are larger than half a rectangle (..., 2)."""
     half = radius.min(axis=-1)
-    wrong = corner > half
+    wrong = corner > half * (1.0 + SINGLE)
     if kind == "rectangle" and wrong.any():
         at = np.broadcast_to(corner, wrong.shape)[wrong].flat[0]
         most = np.broadcast_to(half, wrong.shape)[wrong].flat[0]

@@ -1,6 +1,6 @@
 """Measures of recorded trajectories, in NumPy: for states that are there already."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,13 @@ from ..description.scene import Scene
 from ..inputs.checks import array, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from .reductions import OF_CONDITIONS, Measure, Success
-from .signals import EVERY, Condition, Signal
+from .signals import Condition, Signal
+
+REDUCED: dict[str, Callable[[np.ndarray], np.ndarray]] = {  # of pairs (B, N, pairs) to one number
+    "gap": lambda gap: gap.min(axis=2, initial=np.inf),
+    "contact": lambda impulse: impulse.max(axis=2, initial=0.0),
+    "impulse": lambda impulse: impulse.sum(axis=2),
+}
 
 
 @dataclass(frozen=True)
@@ -83,14 +89,10 @@ class Recorded:
                 f"a measure of {signal.kind} needs {source}, which was not recorded; roll out with "
                 f"record={source!r}"
             )
-        if signal.kind == "control" or place != EVERY:
+        if signal.kind == "control":
             values = found[:, :, place]
-        elif signal.kind == "gap":
-            values = found.min(axis=2, initial=np.inf)
-        elif signal.kind == "contact":
-            values = found.max(axis=2, initial=0.0)
         else:
-            values = found.sum(axis=2)
+            values = REDUCED[signal.kind](found[:, :, slice(*signal.pairs(self.scene))])
         values = (values > TOUCH).astype(float) if signal.kind == "contact" else values
         return np.concatenate([values, values[:, -1:]], axis=1)
 

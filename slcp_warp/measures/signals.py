@@ -18,7 +18,7 @@ from ..description.scene import Scene
 from ..inputs.checks import choice, flag, number, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 
-EVERY = NONE  # in place of a pair: all of them
+OF_CONTACTS = ("contact", "gap", "impulse")
 NO_VALUE = (
     "there is no value yet: join comparisons with & and |, not with and, or; between two bounds is "
     ".between(low, high)"
@@ -122,10 +122,16 @@ class Signal(Compared):
             return scene.state_index(self.which)  # type: ignore[arg-type]
         if self.kind == "control":
             return scene.control_index(self.which)  # type: ignore[arg-type]
-        return EVERY if self.which is None else scene.pair_index(self.which)
+        return self.pairs(scene)[0] if self.kind in OF_CONTACTS else 0
+
+    def pairs(self, scene: Scene) -> tuple[int, int]:
+        """The first of the pairs that one of contacts is of, and one after the last."""
+        return (0, len(scene.pair_names)) if self.which is None else scene.pair_range(self.which)
 
     def less(self, scene: Scene) -> int:
-        """The place of the state that is taken off it; -1: none."""
+        """The place of the state that is taken off it, -1: none; of contacts, one after the last pair."""
+        if self.kind in OF_CONTACTS:
+            return self.pairs(scene)[1]
         return NONE if self.minus is None or isinstance(self.minus, Point) else scene.state_index(self.minus)
 
     def _within(self, low: float, high: float) -> "Condition":
@@ -264,17 +270,21 @@ def distance(of: Point, to: Point) -> Signal:
 
 
 def contact(pair: str | int | None = None) -> Signal:
-    """1 where a pair (one by its name, `Scene.pair_names`, or any) pushes with more than 1e-6 N s, else 0."""
+    """1 where a pair pushes with more than 1e-6 N s, else 0: one by its name (`Scene.pair_names`) or place,
+    any of those of two shapes, "left/box", or any at all.
+    """
     return Signal("contact", None if pair is None else _name("pair", pair))
 
 
 def gap(pair: str | int | None = None) -> Signal:
-    """Distance of a pair before the step [m], or the lowest of all pairs; infinite without any."""
+    """Distance of a pair before the step [m], or the lowest of the pairs of two shapes, or of all; infinite
+    without any.
+    """
     return Signal("gap", None if pair is None else _name("pair", pair))
 
 
 def normal_impulse(pair: str | int | None = None) -> Signal:
-    """Normal impulse of a pair in the step [N s], or of all pairs together."""
+    """Normal impulse of a pair in the step [N s], or of those of two shapes together, or of all."""
     return Signal("impulse", None if pair is None else _name("pair", pair))
 
 

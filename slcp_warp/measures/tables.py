@@ -11,7 +11,7 @@ from slcp_warp.kernels.ensembles import measures as kernels
 from ..description.points import AXES, Point, point_numbers
 from ..description.scene import Scene
 from .reductions import Measure
-from .signals import Condition, Signal
+from .signals import OF_CONTACTS, Condition, Signal
 
 INFINITE = 1e-50 * kernels.FAR  # what a mean or an integral of one FAR is above, whatever the steps
 
@@ -54,7 +54,7 @@ class MeasureTable:
         self._signals = [(*self._signal(signal, scene), row) for signal, row in zip(signals, rows)]
         kinds = {signal.kind for signal in signals}
         self._gaps = "gap" in kinds
-        self.looks_at_contacts = not kinds.isdisjoint(("contact", "gap", "impulse"))
+        self.looks_at_contacts = not kinds.isdisjoint(OF_CONTACTS)
         self._bounds: list[tuple[float, float]] = []
         self._compared: list[int] = []
         self._clauses: list[tuple[int, int]] = []

@@ -49,7 +49,9 @@ def rolled(task=ROLLED, options=HARD, dtype="float64"):
     return worlds, us, sim, roll(sim, worlds, us)
 
 
-@pytest.mark.parametrize(("part", "scene"), [("rollouts", 5), ("auto", 8), ("heaps", 1), ("heaps", 10), ("bounces", 3)])
+@pytest.mark.parametrize(
+    ("part", "scene"), [("rollouts", 5), ("auto", 8), ("heaps", 1), ("heaps", 10), ("bounces", 3)]
+)
 def test_small_runs_of_the_parts_have_no_silent_failure(part, scene):
     task = Task(1, scene, "generic", residuals=("hard",), per_chunk=4, part=part)
     assert items_first(task.make_scene().structure) == (part == "auto") and task.steps > 10

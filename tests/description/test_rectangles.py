@@ -7,6 +7,7 @@ import pytest
 
 import slcp_warp as slcp
 from slcp_warp import Body, Contact, Scene, Shape
+from slcp_warp.ensembles.worlds.corners import columns_of_corners
 from slcp_warp.results.pictures.mechanism import Mechanism, outline
 
 
@@ -143,7 +144,7 @@ def test_many_pairs_of_one_body_have_generic_kernels_on_a_cpu():
 
 @pytest.mark.parametrize("strategy", ["generic", "specialised"])
 def test_a_corner_radius_that_is_drawn_stays_within_the_size(strategy):
-    """It may be beyond half a side, which `replace` refuses; such a box rests as high as it is, too."""
+    """What is drawn beyond half a side, which `replace` and maps refuse, is half of it, in the table, too."""
     ground, _, block, *_ = scene().shapes
     block = Shape("block", "a", "rectangle", (0.1, 0.06), corner_radius=0.03)
     own = Scene("box", scene().bodies[:1], (ground, block), "auto", friction=0.5)
@@ -156,8 +157,50 @@ def test_a_corner_radius_that_is_drawn_stays_within_the_size(strategy):
     how = {"cases": slcp.Options("hard"), "dtype": "float64", "device": "cpu", "strategy": strategy}
     report = slcp.sweep(task, none, worlds=32, **how)
     part = report.part("none")
-    assert part["drawn_block.corner_radius"].max() > 0.1 and not part["status"].any()
+    corner = part["drawn_block.corner_radius"]
+    assert corner.max() == np.float32(0.06) and corner.min() < 0.03 and not part["status"].any()
     np.testing.assert_allclose(part["height"], 0.06, atol=1e-6)
+    slcp.Parameters(own).replace(**{"block.corner_radius": corner})
+    worlds = slcp.draw_worlds(task, 32, dtype="float64")
+    found = slcp.Parameters(own).from_table(worlds.params)["block.corner_radius"]
+    np.testing.assert_allclose(found, corner, rtol=1e-6)
+    worlds.params[:, columns_of_corners(own.structure)[0, 0]] *= 100.0
+    again = slcp.sweep(task, none, worlds=worlds, **how).part("none")
+    assert "drawn_block.corner_radius" not in again  # of all alike: half the height
+    for axis in (("block.corner_radius=", [0.05, 0.1]), ("block.corner_radius", [1.0, 3.0])):
+        with pytest.raises(slcp.ArgumentError, match="half of the shorter side is needed, 0.06"):
+            slcp.robustness_map(task, none, axis, ("a.y", [0.0]), worlds=2)
+
+
+def test_both_sizes_of_one_are_drawn_apart_by_their_names():
+    """Together by "radius", whose shapes keep their proportions."""
+    own = Scene("box", scene().bodies[:1], (scene().shapes[0], scene().shapes[2]), "auto", friction=0.5)
+    name = own.shapes[1].name
+
+    def drawn(**parameters):
+        disturbed = slcp.Disturbances(parameters={f"{name}.{key}": law for key, law in parameters.items()})
+        task = slcp.Task("box", own, start=np.zeros(6), duration=1.0, disturbances=disturbed)
+        table = slcp.draw_worlds(task, 400, dtype="float64").params
+        return slcp.Parameters(own).from_table(table)[f"{name}.radius"]
+
+    base = np.array(own.shapes[1].radius)
+    both = drawn(radius=0.2) / base
+    np.testing.assert_allclose(both[:, 0], both[:, 1])
+    one = drawn(radius_0=slcp.Uniform(0.1, 0.3))
+    assert one[:, 0].min() < 0.11 and one[:, 0].max() > 0.29 and (one[:, 1] == base[1]).all()
+    apart = np.log(drawn(radius_0=0.2, radius_1=0.1) / base)
+    np.testing.assert_allclose(apart.std(axis=0), [0.2, 0.1], rtol=0.15)
+    assert abs(np.corrcoef(apart.T)[0, 1]) < 0.15
+    for law, message in (
+        (slcp.Uniform(0.0, 0.1), "positive numbers"),
+        (slcp.Normal(0.1), "log-normal or uniform"),
+    ):
+        with pytest.raises(slcp.ArgumentError, match=message):
+            drawn(radius_0=law)
+    ball = Scene("ball", own.bodies, (own.shapes[0], Shape("ball", own.bodies[0].name, "disc", 0.1)), "auto")
+    disturbed = slcp.Disturbances(parameters={"ball.radius_0": 0.1})
+    with pytest.raises(slcp.ArgumentError, match="'ball' is a disc, without two sizes"):
+        slcp.draw_worlds(slcp.Task("ball", ball, start=np.zeros(6), duration=1.0, disturbances=disturbed), 2)
 
 
 def test_both_sizes_of_one_have_names():

@@ -172,3 +172,39 @@ SHORT = np.zeros((1, 3, 2 * SCENE.nv))
 def test_what_is_no_measure_is_refused(make, kind, text):
     with pytest.raises(kind, match=text):
         make()
+
+
+@pytest.mark.parametrize("restitution", [None, 0.5])
+def test_two_shapes_that_touch_in_several_places_are_one_by_their_names(restitution):
+    """In own kernels, in generic ones and on what was recorded."""
+    shapes = (slcp.Shape("ground", None, "halfplane", angle=np.pi / 2),
+              slcp.Shape("bar", "bar", "capsule", (0.05, 0.2)),
+              slcp.Shape("lid", None, "halfplane", angle=-np.pi / 2, offset=(0.0, 5.0)))  # fmt: skip
+    contacts = (slcp.Contact("lid", "bar"), slcp.Contact("ground", "bar", restitution=restitution))
+    bodies = (slcp.Body("bar", 1.0, 0.01, joint="free"),)
+    scene = slcp.Scene(
+        "bar", bodies, shapes, contacts, actuators=(slcp.Actuator("bar", 0, 1.0),), step_size=0.01
+    )
+    assert scene.pair_names[2:] == ("ground/bar(-)", "ground/bar(+)")
+    assert scene.pair_range("bar/ground") == (2, 4)
+    asked = {
+        "one": m.impulse("ground/bar(+)"),
+        "other": m.impulse(3),
+        "both": m.impulse("ground/bar"),
+        "turned": m.impulse("bar/ground"),
+        "all": m.impulse(),
+        "lid": m.impulse("lid/bar"),
+        "low": m.lowest_gap("ground/bar"),
+        "high": m.lowest_gap("lid/bar"),
+        "touches": m.contact_share("ground/bar"),
+    }
+    x0 = (0.0, 0.1, 0.05, 0.0, -1.0, 0.0)
+    task = slcp.Task("bar", scene, start=x0, duration=0.4, measures=asked)
+    found = slcp.sweep(task, slcp.policies.Linear(np.zeros((1, 6)), np.zeros(6), [0.0]), worlds=1).table
+    run = slcp.Simulator(scene).rollout(np.array(x0), np.zeros((40, 1)), record=("impulse", "gap"))
+    for name, measure in asked.items():
+        np.testing.assert_allclose(found[name][0], run.measure(measure), rtol=2e-4, atol=1e-6, err_msg=name)
+    assert found["one"][0] > 0.1 and found["other"][0] > 0.1 and found["lid"][0] == 0.0
+    assert abs(found["both"][0] - found["one"][0] - found["other"][0]) < 1e-4 * found["both"][0]
+    with pytest.raises(slcp.ArgumentError, match="contact pair is 'ground/bat'"):
+        m.impulse("ground/bat").of.place(scene)

@@ -15,7 +15,7 @@ MOST = 5  # pairs of a world of which every part may have been given up
 
 
 def met(p: Any) -> tuple[Array, Array, Array]:
-    """By pair (B, pairs) of a `Problem`: the speed J_n v, whether it bounces, whether rounding may decide it."""
+    """By pair (B, pairs) of a `Problem`: e J_n v, whether it bounces, whether rounding may decide that."""
     truth, touches = p.truth, p.touches
     e = np.minimum(truth.mech.p["restitution"], 1.0) + np.zeros(touches.gap.shape)
     speed, free = (np.einsum("bpj,bj->bp", touches.normal, v) for v in (truth.v, p.drive.free))

@@ -153,7 +153,7 @@ class Verdicts:
             return bool(judge(p, self.out.part(i)).worst()[0] <= 1.0)
 
     def _solvable(self, p: Problem) -> list[Problem]:
-        """The only world's problem, also without bouncing: alone, where Coulomb's friction jams what bounces."""
+        """The only world's problem, also without bouncing: alone, where friction jams what bounces."""
         either = _either(p)
         jams = len(either) > 1 and p.method.coulomb and not isinstance(self._tried(p, None), tuple)
         return either[:1] if jams else either

@@ -20,6 +20,7 @@ from ...tasks.disturbances import LogNormal, Normal, Uniform, laws
 from ...tasks.task import Task
 from ..statistics.intervals import share_interval
 from ..worlds import Worlds, draw_worlds
+from ..worlds.corners import columns_of_corners
 from .judged import Judge
 
 HEAD = ("x", "y", "x_value", "y_value", "worlds", "success", "low", "high")
@@ -225,4 +226,19 @@ def _axis(label: str, task: Task, given: Any) -> tuple[str, np.ndarray]:
         raise ArgumentError(f"the values of {label} hold {values.min():g}; {name!r} takes positive factors")
     if itself:
         rules.check(f"the values of {label}", values, ArgumentError, parameter_of(name)[1])
+    if parameter_of(name)[1] == "corner_radius":
+        _check_corners(label, task, whole, values)
     return whole, values
+
+
+def _check_corners(label: str, task: Task, name: str, values: np.ndarray) -> None:
+    """Raise an error for corner radii that the task's rectangles, as they are, cannot have."""
+    table = np.repeat(Parameters(task.scene).table()[:1], len(values), 0)
+    table = np.asarray(
+        changed(task, Worlds(np.repeat(task.start[:1], len(values), 0), table), name, values).params
+    )
+    for corner, width, height in columns_of_corners(task.scene.structure):
+        sides = table[:, [width, height]]
+        rules.check_corners(
+            f"the corner radius by {label}", "rectangle", sides, table[:, corner], ArgumentError
+        )

@@ -16,6 +16,7 @@ from .source import DRAWN, Key, Source
 HEAD = ("measure", "policy", "worlds", "drawn", "first", "first_low", "first_high", "total", "total_low",
         "total_high")  # fmt: skip
 NOTHING = (math.nan, math.nan, math.nan)
+NEIGHBOURS = 1e-3  # places, of all worlds, by which columns of one draw may sort one otherwise
 
 
 @dataclass(repr=False)
@@ -107,12 +108,20 @@ def sensitivity_of_rows(source: Source, key: Key, measure: str) -> Sensitivity:
 
 
 def drawn_columns(source: Source, key: Key) -> list[list[str]]:
-    """The drawn columns that vary, those together that sort the worlds of the first block alike."""
+    """The drawn columns that vary, those together that sort the worlds of the first block alike but for
+    neighbours, whose order may be one of rounding.
+    """
     names = [name for name in source.names(key) if name.startswith(DRAWN)]
     block = next(source.blocks(key, names), {})
-    groups: dict[bytes, list[str]] = {}
+    groups: list[tuple[np.ndarray, list[str]]] = []
     for name in names:
         column = block.get(name, np.zeros(0))
         if len(column) and np.ptp(column) > 0.0:
-            groups.setdefault(np.argsort(column, kind="stable").tobytes(), []).append(name)
-    return list(groups.values())
+            ranks = np.argsort(np.argsort(column, kind="stable"))
+            for other, members in groups:
+                if np.abs(other - ranks).max() <= NEIGHBOURS * len(ranks):
+                    members.append(name)
+                    break
+            else:
+                groups.append((ranks, [name]))
+    return [members for _, members in groups]

@@ -10,7 +10,7 @@ import warp as wp
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.device.tables import empty_table, make_table
 from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS, TIMING_FIELDS
-from slcp_warp.kernels.ensembles.draws import make_columns, make_draw_kernel, pick_kernel
+from slcp_warp.kernels.ensembles.draws import make_columns, make_corners_kernel, make_draw_kernel, pick_kernel
 from slcp_warp.kernels.structure import STEP_SIZE
 
 from ...inputs import rules
@@ -22,6 +22,7 @@ from ...tasks.disturbances.laws import Laws
 from ...tasks.task import Task
 from .arrays import Worlds
 from .columns import read_columns
+from .corners import columns_of_corners, with_corners_within
 
 MOST = float(np.finfo(np.float32).max)
 
@@ -95,6 +96,7 @@ class Draws:
         scene = sim.scene
         params = laws.parameter_laws(scene, base, d.parameters)
         self._params = Columns(sim, seed, params, sim.dtype, {STEP_SIZE: longest})
+        self._corners = columns_of_corners(scene.structure) if len(params.varied) else np.zeros((0, 3))
         self._x0 = Columns(sim, seed, d.start_laws(scene, starts), sim.dtype, {})
         events = d.push_laws(), d.dropout_laws(), d.timing_laws()
         self._events = [Columns(sim, seed, d.kick_laws(scene), sim.dtype, {})]
@@ -116,11 +118,11 @@ class Draws:
         none: wp.array = wp.zeros(0, dtype=wp.int32, device=self.sim.device)
         widths = self.sim.nx // 2, len(PUSH_FIELDS), len(DROPOUT_FIELDS), len(TIMING_FIELDS)
         events = [_some(each, world0, count, none, width) for each, width in zip(self._events, widths)]
-        return Worlds(
-            self._x0.draw(world0, count, self._pick(world0, count)),
-            self._params.draw(world0, count, none),
-            *events,
-        )
+        params = self._params.draw(world0, count, none)
+        if len(self._corners):
+            columns = wp.array(self._corners, dtype=wp.int32, device=self.sim.device)
+            launch(make_corners_kernel(self.sim.dtype), count, [columns, params], self.sim.device)
+        return Worlds(self._x0.draw(world0, count, self._pick(world0, count)), params, *events)
 
     def columns(self, worlds: Worlds, world0: int) -> dict[str, np.ndarray]:
         """What was drawn of worlds world0, ..., by the name of its column: "drawn_block.mass", ..."""
@@ -183,6 +185,7 @@ class Given:
         for name, start, extent in sim.params.layout.columns:
             own = self.tables["params"][:, start : start + int(np.prod(extent, dtype=int))]
             rules.check(f"Worlds.params: {name}", own, ArgumentError, name)
+        self.tables["params"] = with_corners_within(sim.scene.structure, self.tables["params"])
         _check_timing(d, self.tables["timing"])
         self.numbered = worlds.numbers is not None
         numbers = np.arange(count) if worlds.numbers is None else worlds.numbers

@@ -19,6 +19,7 @@ from .distributions import BODIES, Distribution, Normal, Uniform, row_of
 from .events import Drawn
 
 FACTORS = ("gravity", "radius")  # parameters that keep their directions and shapes: factors only
+TWO_SIZES = ("ellipse", "capsule", "rectangle")
 SHARES = ("restitution",)  # in [0, 1]
 SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset")  # what may be of either sign
 NAMES = (*PERTURBABLE, *SIGNED)
@@ -81,11 +82,30 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
     for key in sorted(given, key=lambda key: (*_precision(key), -len(found[key]))):
         drawn, places = given[key], found[key]
         first = _first(scene, places, drawn.shared)
+        alone = _is_one_size(scene, key, places)
         for column in (place for place in places if place not in inert):
             laws.base[..., column] = np.asarray(base)[..., column]  # alone
             laws.put(column, drawn)
-            laws.step[column] = group[first[column]]
+            laws.step[column] = first[column] if alone else group[first[column]]
     return laws
+
+
+def _is_one_size(scene: Scene, key: str, places: Sequence[int]) -> bool:
+    """Whether a name is of one of the two sizes of shapes, "box.radius_0", which has a number of its own.
+
+    Raises:
+        ArgumentError: some of them are discs or half-planes, which have one or none.
+    """
+    _, name, component = parameter_of(key)
+    if name != "radius" or component is None:
+        return False
+    _, start, _ = column_of(scene, places[0])
+    for shape in (scene.shapes[(column - start) // 2] for column in places):
+        if shape.kind not in TWO_SIZES:
+            raise ArgumentError(
+                f"Disturbances.parameters names {key!r}; {shape.name!r} is a {shape.kind}, without two sizes"
+            )
+    return True
 
 
 def _precision(key: str) -> tuple[bool, bool]:
@@ -138,9 +158,14 @@ def check_parameter(key: str, drawn: Distribution) -> None:
             f"Disturbances.parameters names {key!r}{like(key, known)}; choose from {', '.join(known)}, of "
             "all parts, or of one, as 'box.mass'"
         )
-    if name == "radius" and parameter_of(key)[2] is not None:
-        raise ArgumentError(f"{label}: both sizes of a shape have one factor; name its radius")
-    kinds = {"log-normal"} if name in FACTORS else {"uniform", "normal"} if name in SIGNED else set(LAWS)
+    alone = name == "radius" and parameter_of(key)[2] is not None  # one of two sizes
+    kinds = (
+        {"log-normal"}
+        if name in FACTORS and not alone
+        else {"uniform", "normal"}
+        if name in SIGNED
+        else set(LAWS)
+    )
     if name in POSITIVE or name in NONNEGATIVE:
         kinds.discard("normal")
     if name in SHARES:
@@ -153,9 +178,15 @@ def check_parameter(key: str, drawn: Distribution) -> None:
         need = " or ".join(sorted(kinds - {"none"}))
         raise ArgumentError(f"{label} is {shown(drawn)}; {name} takes {need}")
     if isinstance(drawn, Uniform):
-        low = drawn.low <= 0.0 if name in POSITIVE else drawn.low < 0.0 if name in NONNEGATIVE else False
+        low = (
+            drawn.low <= 0.0
+            if name in POSITIVE or alone
+            else drawn.low < 0.0
+            if name in NONNEGATIVE
+            else False
+        )
         if low:
-            sign = "positive" if name in POSITIVE else "no negative"
+            sign = "positive" if name in POSITIVE or alone else "no negative"
             raise ArgumentError(f"{label} is {shown(drawn)}; {sign} numbers are needed")
         if name in SHARES and drawn.high > 1.0:
             raise ArgumentError(f"{label} is {shown(drawn)}; numbers of at most 1 are needed")
