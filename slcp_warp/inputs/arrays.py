@@ -129,6 +129,20 @@ def same_worlds(name: str, given: int, worlds: int) -> None:
         raise ArrayError(f"{name} is given for {given} worlds, the state for {worlds}")
 
 
+def for_all(name: str, given: Batch, worlds: int) -> wp.array:
+    """What is given for every world, or once for all of them; of Warp, whose arrays a tape adds gradients to,
+    for every world.
+    """
+    if worlds == 1 or given.batched or given.kind == "warp":
+        same_worlds(name, given.worlds, worlds)
+        return given.array
+    checks.memory(
+        name, worlds * given.array.size, wp.types.type_size_in_bytes(given.array.dtype), given.array.device
+    )
+    numbers = np.repeat(given.array.numpy(), worlds, axis=0)
+    return wp.array(numbers, dtype=given.array.dtype, device=given.array.device)
+
+
 def from_batch(array: wp.array, kind: str, batched: bool) -> Array:
     """A result in the caller's kind, without the batch axis if the caller gave none."""
     if kind == "warp":

@@ -140,7 +140,7 @@ class Simulator(Printed):
 
         Args:
             x: (B, nx) or (nx,) states (q, v).
-            u: (B, nu) controls, None: zero.
+            u: (B, nu) controls, or (nu,) for all worlds, None: zero.
             params: see `Simulator.params`; per-world tables need B rows.
             external_force: (B, bodies, 3) force and torque at the centres of mass [N, N m].
             warm_start: `multiplier` of the worlds' last step.
@@ -185,8 +185,8 @@ class Simulator(Printed):
 
         Args:
             x0: (B, nx) or (nx,).
-            controls: (B, N, nu), open loop, or None with `policy` and `steps`, or with `steps` alone where
-                the scene has no actuators.
+            controls: (B, N, nu), or (N, nu) for all worlds, open loop, or None with `policy` and `steps`, or
+                with `steps` alone where the scene has no actuators.
             params: see `Simulator.params`; per-world tables need B rows.
             policy: `ddp.TrackingPolicy`, a library's, one of `slcp_warp.policies`, or any object with
                 `kernel(sim)` -> (PolicyKernel, struct), or a `policies.HostPolicy`.

@@ -11,7 +11,7 @@ from slcp_warp.kernels.structure import Structure
 
 from ..gradients import tape
 from ..inputs import checks
-from ..inputs.arrays import ArrayError, Batch, same_worlds, to_batch, zeros
+from ..inputs.arrays import ArrayError, Batch, for_all, same_worlds, to_batch, zeros
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from .arrays import Controls
@@ -64,8 +64,7 @@ class Arguments:
         """Controls of one step (B, max(nu, 1)), zero where none are given."""
         if given is None:
             return self.empty(worlds, max(self.nu, 1))
-        control = self.batch("u", given, self.nu).array
-        same_worlds("u", control.shape[0], worlds)
+        control = for_all("u", self.batch("u", given, self.nu), worlds)
         return control if self.nu else self.empty(worlds, 1)
 
     def warm_start(self, given: Any, worlds: int) -> wp.array:
@@ -85,8 +84,7 @@ class Arguments:
 
     def open_loop(self, given: Any, steps: Any, worlds: int) -> Controls:
         """Controls of a rollout (B, N, nu); steps: N again, or None."""
-        us = self.batch("controls", given, "N", self.nu).array
-        same_worlds("controls", us.shape[0], worlds)
+        us = for_all("controls", self.batch("controls", given, "N", self.nu), worlds)
         struct = make_open_loop(self.nx, self.nu, self.dtype).Struct()
         struct.us = us
         if steps is not None and checks.whole("steps", steps) != us.shape[1]:

@@ -185,3 +185,17 @@ def test_worlds_of_tensors_stay_tensors(tmp_path, sim, start):
     again = slcp.Trajectory.load(run.save(tmp_path / "run.npz"))
     np.testing.assert_array_equal(again.impulse, run.impulse.numpy())
     np.testing.assert_array_equal(again.measure(m.contact_share()), run.measure(m.contact_share()))
+
+
+def test_controls_of_one_world_are_those_of_all(sim, start):
+    us = np.random.default_rng(0).normal(size=(N, 1))
+    one, all_three = sim.rollout(start, us, record="controls"), sim.rollout(start, np.tile(us, (3, 1, 1)))
+    np.testing.assert_array_equal(one.states, all_three.states)
+    np.testing.assert_array_equal(one.controls, np.tile(us, (3, 1, 1)))
+    np.testing.assert_array_equal(sim.step(start, us[0]).state, sim.step(start, np.tile(us[0], (3, 1))).state)
+    for given, kind in (
+        (us[None], np.asarray),
+        (us, lambda us: wp.array(us, dtype=sim.dtype, device="cpu")),
+    ):
+        with pytest.raises(slcp.InputError, match="controls is given for 1 worlds, the state for 3"):
+            sim.rollout(start if kind is np.asarray else kind(start), kind(given))
