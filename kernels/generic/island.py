@@ -5,13 +5,13 @@ import warp as wp
 from ..contact.problem import COLD
 from ..factories import cached
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
-from .beside import make_beside
 from .contact import ROUNDING, make_contact
 from .friction.coulomb import COULOMB_PASSES, RETREATS, make_coulomb
 from .friction.direct import LAST, MANY, MOVES, NEARER, ONCE, RELAXED, SOME, STILL, make_direct
 from .friction.jam import make_jam
 from .friction.normal import make_normal
 from .friction.passes import make_passes
+from .judge.beside import make_beside
 from .mechanism import COLUMN, make_mechanism
 from .search import ALL_ATTEMPTS, QUICK_ATTEMPTS, make_solver
 from .topology import Topology

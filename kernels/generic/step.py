@@ -13,10 +13,10 @@ from ..device.compile import packed
 from ..factories import cached
 from ..method import Method
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
-from .beside import MOST_BESIDE, make_beside
 from .contact import AFRESH, AGAIN, ALL, JOINING, make_contact
 from .friction.direct import MOST_LOOKS
 from .island import make_island
+from .judge.beside import MOST_BESIDE, make_beside
 from .linear.envelope import make_envelope
 from .mechanism import COLUMN, make_mechanism
 from .newton import make_newton

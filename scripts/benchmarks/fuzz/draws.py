@@ -114,18 +114,28 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
         tied = mass[:, [max(ends) for ends in s.springs]]
         out["spring_stiffness"] = stiffened(rng, scene, out["spring_stiffness"], tied, h)
     if s.bounces:
-        whole = rng.choice([0.0, 1.0], (n, len(s.pairs)))
-        out["restitution"] = np.where(rng.random((n, 1)) < 0.2, whole, u(0.0, 1.0, len(s.pairs)))
+        out["restitution"] = _shares(rng, n, len(s.pairs))
     _lay_guides(rng, scene, out, cosine)
-    first = 0  # pair of a contact; all of its pairs have one coefficient
+    _alike(scene, out)
+    return {name: single(value) for name, value in out.items()}
+
+
+def _shares(rng: Rng, *shape: int) -> Array:
+    """Numbers from 0 to 1, in a fifth of the worlds (the first axis) these two alone."""
+    whole = rng.choice([0.0, 1.0], shape)
+    return np.where(rng.random((shape[0], 1)) < 0.2, whole, rng.uniform(0.0, 1.0, shape))
+
+
+def _alike(scene: Scene, out: dict[str, Any]) -> None:
+    """All pairs of a contact have one coefficient."""
+    first = 0
     for contact in scene.all_contacts:
         pairs = range(first, first + len(contact_ends(scene.shapes, contact)))
-        out["friction"][:, pairs] = 0.0 if contact.friction is None else out["friction"][:, pairs[:1]]
-        if s.bounces:
-            out["restitution"][:, pairs] *= 0.0 if contact.restitution is None else 1.0
-            out["restitution"][:, pairs] = out["restitution"][:, pairs[:1]]
+        for name in ("friction", "restitution"):
+            if name in out:
+                has = getattr(contact, name) is not None
+                out[name][:, pairs] = out[name][:, pairs[:1]] if has else 0.0
         first = pairs.stop
-    return {name: single(value) for name, value in out.items()}
 
 
 def stiffened(rng: Rng, scene: Scene, stiffness: Array, mass: Array, h: Array) -> Array:

@@ -17,10 +17,10 @@ from slcp_warp import Scene
 from slcp_warp.description.kinematics import Array
 from slcp_warp.kernels.method import Method
 
+from ..mechanics.bounces import met
 from ..mechanics.contact import Touches, touches
 from ..mechanics.level import level, level_touches
 from ..mechanics.tree import Mechanics
-from .bounces import met
 from .draws import Worlds
 
 TOLERANCE = {"float64": 1e-10, "float32": 2e-5}  # of the size of the terms: the documented accuracy

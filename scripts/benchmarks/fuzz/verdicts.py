@@ -17,7 +17,7 @@ import numpy as np
 from slcp_warp.description.kinematics import Array
 from slcp_warp.options import Status
 
-from .bounces import given_up
+from ..mechanics.bounces import given_up
 from .draws import CLASSES
 from .judge import Errors, Outcome, ended, judge
 from .problem import EPSILON, FLOOR, LEVER, LOST_ROWS, Problem

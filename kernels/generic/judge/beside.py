@@ -1,16 +1,16 @@
 """Gaps a rounding beside those of the data, for islands that do not converge on them.
 
 Where many rows touch exactly, and nothing presses, no set of rows is better than the next. A rounding of what
-a row is judged by (`judge/scales.py`), of every pair another one, decides it.
+a row is judged by (`scales.py`), of every pair another one, decides it.
 """
 
 from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from .topology import CONTACT, Topology
-from .work import ASIDE, BESIDE, WORK, Island, Slot
+from ...factories import cached
+from ..topology import CONTACT, Topology
+from ..work import ASIDE, BESIDE, WORK, Island, Slot
 
 NUDGES = {wp.float64: 1e-12, wp.float32: 1e-7}  # of what a row is judged by,
 OTHERS = 1e-3  # and this part of that of the fastest row in the island, for those where nothing moves
