@@ -57,7 +57,7 @@ def test_the_interval_holds_the_probability(made, width, fresh):
         levels = pilot(score, moves, effort, 2000, rng)
         found = run_islands(score, levels, moves, effort, 12, rng)
         share, low, high = island_interval(found.shares)
-        assert levels.complete and (score(found.ended) <= 0.0).all()
+        assert len(levels.scores) < effort.most and (score(found.ended) <= 0.0).all()
         held += low <= truth <= high
         estimates.append(share)
     assert held >= 17
@@ -103,7 +103,7 @@ def test_a_margin_of_few_values_may_fall_seldom():
     score = lambda z: np.where(z[:, 0] < 3.29, 1.0, 0.0)  # noqa: E731
     for seed in range(5):
         levels = pilot(score, Moves(2), Effort(200, 10), 200, np.random.default_rng(seed))
-        assert levels.scores == (1.0, 0.0) and levels.complete
+        assert levels.scores == (1.0, 0.0)
 
 
 def test_islands_that_hold_most_of_it_tell_less_of_their_spread():

@@ -13,13 +13,13 @@ from ....inputs.checks import instance
 from ....inputs.errors import ArgumentError
 from ....storage.printed import Printed, Table
 from ....tasks.task import Task
-from ...statistics.intervals import share_interval
 from ...store import save_table
 from ...worlds import Worlds
-from .interval import island_interval
+from .estimate import estimate
 from .margin import Margin
 from .numbers import Numbers
-from .splitting import Effort, Islands, Levels, Moves, pilot, run_islands
+from .silent import Silent
+from .splitting import Effort, Moves, pilot, run_islands
 from .trial import Trial, checked_options
 
 PILOT = 4  # times the particles of an island: particles of the pilot
@@ -32,17 +32,22 @@ class FailureShare(Printed):
     """The share of worlds in which a policy fails, with a 95 % interval.
 
     The interval covers the chance of the draws: the islands are independent and each has the share as its
-    mean. It cannot cover a kind of failure that no island has met.
+    mean. It cannot cover a kind of failure that no island has met and the margin does not lead to. Where none
+    has met any, a condition of the margin is `silent`, or it `jumps`, high is at least the upper end of a
+    count of the islands' plain worlds, which holds wherever failing lies.
 
     Attributes:
         name: of the task.
-        share, low, high: the estimate and its interval. Without a failing world share and low are 0 and high
-            is the upper end of the interval of the lowest margin that was reached.
-        levels: margins, falling to 0.
+        share, low, high: the estimate and its interval.
+        levels: margins, falling; the last is that of failing: 0, or -inf of a margin that was given.
         reached: (levels,) share of the worlds at or below each.
         accepted: (levels - 1,) share of the chains' moves below each.
         islands: (islands,) their own estimates.
         worlds: that were run.
+        plain: upper end of the share by the islands' plain worlds alone.
+        led: upper end by the lowest margin that was reached; right if the margin leads to all that fails.
+        silent: conditions of the margin that were the same in all worlds that succeeded.
+        jumps: whether worlds failed that the levels of the margin did not lead to.
         failing: some of the worlds that failed, as `slcp_warp.sweep` takes them; None: none did.
         seed: of all that was drawn; a sweep of `failing` needs it, for the noise of single steps.
     """
@@ -56,6 +61,10 @@ class FailureShare(Printed):
     accepted: np.ndarray
     islands: np.ndarray
     worlds: int
+    plain: float
+    led: float
+    silent: tuple[str, ...]
+    jumps: bool
     failing: Worlds | None
     seed: int
 
@@ -88,10 +97,25 @@ class FailureShare(Printed):
 
     def _line(self) -> str:
         found = f"{self.share:.3g} (95 %: {self.low:.2g} to {self.high:.2g})"
-        apart = "; the islands lie far apart, more particles or longer chains would say more"
-        return f"of task {self.name!r}: {found}, {self.worlds:,} worlds" + (
-            apart if self.spread > FAR_APART else ""
-        )
+        return "; ".join([f"of task {self.name!r}: {found}, {self.worlds:,} worlds", *self.doubts])
+
+    @property
+    def doubts(self) -> list[str]:
+        """What is to be known of the estimate before it is believed."""
+        found = []
+        if not self.share > 0.0:
+            found.append(
+                f"none failed, high is of plain worlds (if the margin leads to failing: {self.led:.2g})"
+            )
+        if self.jumps:
+            found.append("the margin jumps, its levels do not lead to failing; give another")
+        if self.spread > FAR_APART:
+            found.append("the islands lie far apart, more particles or longer chains would say more")
+        if self.silent:
+            found.append(
+                f"plain worlds alone bound failing by {', '.join(self.silent)}; give a margin for it"
+            )
+        return found
 
     def _tables(self) -> list[Table]:
         accepted = [*self.accepted, None]
@@ -130,8 +154,8 @@ def failure_share(
         policy: as for `sweep`.
         case: options of the steps; None: the task's, of the hard problem.
         margin: how far a world is from failing: a measure that falls towards failing, or a comparison of
-            measures, whose distance from its bounds counts; None: the task's success. It decides how fast the
-            levels fall, not what fails.
+            measures, whose distance from its bounds counts, also beyond them; None: the task's success. It
+            decides how the levels fall, not what fails.
         islands: independent runs, whose spread gives the interval.
         particles: of an island.
         length: states of a chain; particles / length of them start at a level.
@@ -145,8 +169,8 @@ def failure_share(
         ArgumentError: no success, nothing that is drawn, or a margin that is the same in all worlds.
     """
     instance("task", task, Task, "a slcp_warp.Task")
-    effort = _effort(islands, particles, length, smallest)
     judge = Margin(task, margin)
+    effort, silent = _effort(islands, particles, length, smallest, judge.event), Silent(task, judge)
     seed = checks.whole("seed", seed, 0)
     checks.function("progress", progress, 1, optional=True)
     trial = Trial(
@@ -164,23 +188,24 @@ def failure_share(
         ends = trial.run(numbers.worlds(z))
         if not judge.fitted:
             judge.fit(ends.values)
+        silent.look(ends.values, ends.success)
         if progress is not None:
             progress(trial.worlds)
-        return judge(ends.values, ends.success)
+        return judge.score(ends.values, ends.success)
 
     rng, moves = np.random.default_rng(seed), Moves(width, numbers.fresh)
     levels = pilot(score, moves, effort, PILOT * particles, rng)
     found = run_islands(score, levels, moves, effort, islands, rng)
-    share, low, high = _interval(found, levels)
+    of = estimate(found, alone=bool(silent.names))
     reached = np.array([found.reached(k).mean() for k in range(len(levels.scores))])
-    failing = None if not found.ended.size or not levels.complete else numbers.worlds(found.ended[:KEPT])
+    failing = numbers.worlds(found.ended[:KEPT]) if found.ended.size else None
     return FailureShare(
-        task.name, share, low, high, np.array(levels.scores), reached, found.accepted, found.shares,
-        trial.worlds, failing, seed,
+        task.name, of.share, of.low, of.high, np.array(levels.scores), reached, found.accepted, of.islands,
+        trial.worlds, of.plain, of.led, silent.names, of.jumps, failing, seed,
     )  # fmt: skip
 
 
-def _effort(islands: int, particles: int, length: int, smallest: float) -> Effort:
+def _effort(islands: int, particles: int, length: int, smallest: float, event: float) -> Effort:
     checks.whole("islands", islands, 2)
     particles, length = checks.whole("particles", particles, 10), checks.whole("length", length, 2)
     if particles < 2 * length:
@@ -189,19 +214,4 @@ def _effort(islands: int, particles: int, length: int, smallest: float) -> Effor
         )
     smallest = checks.number("smallest", smallest, 0.0, 0.5, above=True)
     keep = Effort.keep
-    return Effort(particles, length, keep, 1 + math.ceil(math.log(smallest) / math.log(keep)))
-
-
-def _interval(found: Islands, levels: Levels) -> tuple[float, float, float]:
-    """Share, low and high of the event; where no particle is in it, 0 and what the lowest level says."""
-    last = len(levels.scores) - 1
-    if levels.complete and last == 0:  # plain worlds: they may all be alike, and the islands say nothing then
-        islands = len(found.shares)
-        return share_interval(int(found.counts[0].sum()), islands * int(found.totals[0]))
-    if levels.complete and found.shares.any():
-        return island_interval(found.shares)
-    for k in range(last, -1, -1):
-        reached = found.reached(k)
-        if reached.any():
-            return 0.0, 0.0, island_interval(reached)[2]
-    return 0.0, 0.0, 1.0
+    return Effort(particles, length, keep, 1 + math.ceil(math.log(smallest) / math.log(keep)), event)

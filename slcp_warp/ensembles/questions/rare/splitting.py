@@ -1,4 +1,4 @@
-"""Multilevel splitting in a space of standard normal numbers: the probability that a score is at most 0.
+"""Multilevel splitting in a space of standard normal numbers: how probable the lowest scores are.
 
 The event is approached over falling levels of the score. Between two levels, particles that are below the
 first are moved by a Markov chain that leaves the normal law below it as it is (preconditioned Crank-Nicolson
@@ -18,7 +18,7 @@ import numpy as np
 
 from ....inputs.errors import ArgumentError
 
-Score = Callable[[np.ndarray], np.ndarray]  # (B, d) standard normal numbers -> (B,), the event: at most 0
+Score = Callable[[np.ndarray], np.ndarray]  # (B, d) standard normal numbers -> (B,), the event: the lowest
 ACCEPTED = 0.44  # share of the moves of the pilot (Papaioannou et al. 2015)
 SMALL, LARGE = 0.01, 1.0  # sizes of moves
 PATIENCE = 15  # times as many particles that the pilot moves where all have the same score
@@ -34,17 +34,12 @@ class Levels:
     """What a pilot run fixed.
 
     Attributes:
-        scores: falling; the last is 0, the event, or the lowest where the pilot stopped above it.
+        scores: falling; the last is the event's, whether the pilot came to it or not.
         sizes: of the moves below each level but the last, in (0, 1].
     """
 
     scores: tuple[float, ...]
     sizes: tuple[float, ...]
-
-    @property
-    def complete(self) -> bool:
-        """Whether they lead to the event."""
-        return self.scores[-1] <= 0.0
 
 
 @dataclass(frozen=True)
@@ -55,13 +50,15 @@ class Effort:
         particles: a level and an island.
         length: states of each chain; particles / length chains start in an island.
         keep: share of the particles that the pilot's levels keep.
-        most: levels.
+        most: levels above the event.
+        event: scores at or below it are the event.
     """
 
     particles: int = 500
     length: int = 20
     keep: float = 0.2
     most: int = 30
+    event: float = 0.0
 
     @property
     def chains(self) -> int:
@@ -69,24 +66,26 @@ class Effort:
         return max(1, self.particles // self.length)
 
 
-def next_level(scores: np.ndarray, above: float, keep: float) -> float:
-    """The score that the lowest `keep` of the particles do not exceed, below the level `above`.
+def next_level(scores: np.ndarray, above: float, keep: float, event: float = 0.0) -> float:
+    """The score that the lowest `keep` of the particles do not exceed, below the level `above`; the event's,
+    where enough of them are in it.
 
     Raises:
         StuckError: no particle is below that level.
     """
-    if (scores <= 0.0).mean() >= ENOUGH * keep:
-        return 0.0
+    if (scores <= event).mean() >= ENOUGH * keep:
+        return event
     level = float(np.sort(scores)[max(0, int(np.ceil(keep * len(scores))) - 1)])
     if level >= above:
         lower = scores[scores < above]
         if not lower.size:
             raise StuckError(
                 f"the margin of all {len(scores)} worlds is at its lowest, {above:.6g}: nothing says which "
-                "of them are nearer to failing; give a margin that falls steadily"
+                "of them are nearer to failing. Give as `margin` a measure that goes on falling until "
+                "the task fails, such as a position or a speed; more `particles` may meet a lower one"
             )
         level = float(lower.max())
-    return max(level, 0.0)
+    return max(level, event)
 
 
 @dataclass(frozen=True)
@@ -130,10 +129,11 @@ def chain(
 
 
 def pilot(score: Score, moves: Moves, effort: Effort, worlds: int, rng: np.random.Generator) -> Levels:
-    """Levels and sizes of moves, set from `worlds` particles a level; complete, or `effort.most` of them.
+    """Levels and sizes of moves, set from `worlds` particles a level, down to the event.
 
-    Where all have the same score, up to PATIENCE times as many are moved before they count as stuck: a margin
-    of few values may fall seldom.
+    Beyond `effort.most` levels the event is the next, however few particles come to it. Where all have the
+    same score, up to PATIENCE times as many are moved before they count as stuck: a margin of few values may
+    fall seldom.
     """
     z = moves.draw(worlds, rng)
     scores = score(z)
@@ -142,7 +142,7 @@ def pilot(score: Score, moves: Moves, effort: Effort, worlds: int, rng: np.rando
     above, size, patience = np.inf, LARGE, PATIENCE
     while True:
         try:
-            above = next_level(scores, above, effort.keep)
+            above = next_level(scores, above, effort.keep, effort.event)
         except StuckError:
             if not patience:
                 raise
@@ -151,10 +151,12 @@ def pilot(score: Score, moves: Moves, effort: Effort, worlds: int, rng: np.rando
             z, scores = np.concatenate([z, more]), np.concatenate([scores, lower])
             continue
         levels.append(above)
-        if above <= 0.0 or len(levels) == effort.most:
+        if above <= effort.event:
             return Levels(tuple(levels), tuple(sizes))
         z, scores, size = _spread(score, moves, z, scores, above, size, effort, worlds, rng)
         sizes.append(size)
+        if len(levels) == effort.most:
+            return Levels((*levels, effort.event), tuple(sizes))
         patience = PATIENCE
 
 
@@ -187,14 +189,18 @@ def resampled(count: int, wanted: int, rng: np.random.Generator) -> np.ndarray:
 class Islands:
     """Independent runs over fixed levels.
 
+    Particles of level 0 are drawn plainly, those of each further level among what is below the one before.
+
     Attributes:
         counts: (levels, islands) particles at or below each level.
+        failing: (levels, islands) those of them that are in the event.
         totals: (levels,) particles of an island there.
         accepted: (levels - 1,) share of accepted moves below each level.
-        ended: (n, width) particles at or below the last level, of all islands.
+        ended: (n, width) particles in the event, of the lowest level that met any, of all islands.
     """
 
     counts: np.ndarray
+    failing: np.ndarray
     totals: np.ndarray
     accepted: np.ndarray
     ended: np.ndarray
@@ -202,11 +208,16 @@ class Islands:
     @property
     def shares(self) -> np.ndarray:
         """(islands,) each one's probability of the last level."""
-        return np.prod(self.counts / self.totals[:, None], axis=0)
+        return self.reached(len(self.totals) - 1)
 
     def reached(self, level: int) -> np.ndarray:
         """(islands,) each one's probability of a level."""
         return np.prod(self.counts[: level + 1] / self.totals[: level + 1, None], axis=0)
+
+    def failed(self, level: int) -> np.ndarray:
+        """(islands,) each one's probability of the event, by the particles of this level alone."""
+        above = np.ones(self.counts.shape[1]) if level == 0 else self.reached(level - 1)
+        return above * self.failing[level] / self.totals[level]
 
 
 def run_islands(
@@ -219,27 +230,36 @@ def run_islands(
 ) -> Islands:
     """Run over fixed levels, all islands side by side."""
     count, last = len(levels.scores), len(levels.scores) - 1
-    counts, totals = np.zeros((count, islands), int), np.zeros(count, int)
+    counts, failing, totals = (
+        np.zeros((count, islands), int),
+        np.zeros((count, islands), int),
+        np.zeros(count, int),
+    )
     accepted = np.full(max(last, 0), np.nan)
     z = moves.draw(islands * effort.particles, rng)
-    below = score(z) <= levels.scores[0]
-    owner = np.repeat(np.arange(islands), effort.particles)
-    counts[0] = np.bincount(owner[below], minlength=islands)
+    scores, owner = score(z), np.repeat(np.arange(islands), effort.particles)
     totals[:], totals[0] = effort.chains * effort.length, effort.particles
-    z, owner = z[below], owner[below]
-    for k in range(last):
+    ended = z[:0]
+    for k in range(count):
+        if k > 0:
+            z, scores, owner, accepted[k - 1] = _level(
+                score, moves, levels, k - 1, z, owner, effort, islands, rng
+            )
+        fails, below = scores <= effort.event, scores <= levels.scores[k]
+        failing[k] = np.bincount(owner[fails], minlength=islands)
+        counts[k] = np.bincount(owner[below], minlength=islands)
+        ended = z[fails] if fails.any() else ended
+        z, owner = z[below], owner[below]
         if not len(z):
             break
-        z, owner, accepted[k] = _level(score, moves, levels, k, z, owner, effort, islands, rng)
-        counts[k + 1] = np.bincount(owner, minlength=islands)
-    return Islands(counts, totals, accepted, z)
+    return Islands(counts, failing, totals, accepted, ended)
 
 
 def _level(
     score: Score, moves: Moves, levels: Levels, k: int, z: np.ndarray, owner: np.ndarray, effort: Effort,
     islands: int, rng: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
-    """Chains below level k: those of their states that are below the next one, whose they are, acceptance."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:  # fmt: skip
+    """Chains below level k: their states, scores, whose they are, and the share of accepted moves."""
     chosen = []
     for island in range(islands):
         mine = np.flatnonzero(owner == island)
@@ -247,12 +267,12 @@ def _level(
             chosen.append(mine[resampled(len(mine), effort.chains, rng)])
     start = np.concatenate(chosen)
     z, owner = z[start], owner[start]
-    level, below = levels.scores[k], levels.scores[k + 1]
     scores = score(z)
-    states, owners, shares = [z[scores <= below]], [owner[scores <= below]], []
+    states, values, shares = [z], [scores], []
     for _ in range(effort.length - 1):
-        z, scores, share = chain(score, moves, z, scores, level, levels.sizes[k], rng)
-        states.append(z[scores <= below])
-        owners.append(owner[scores <= below])
+        z, scores, share = chain(score, moves, z, scores, levels.scores[k], levels.sizes[k], rng)
+        states.append(z)
+        values.append(scores)
         shares.append(share)
-    return np.concatenate(states), np.concatenate(owners), float(np.mean(shares)) if shares else np.nan
+    owners = np.tile(owner, effort.length)
+    return np.concatenate(states), np.concatenate(values), owners, float(np.mean(shares))
