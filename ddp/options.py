@@ -104,9 +104,12 @@ class Options:
         min_reduction_ratio: least actual / expected reduction of an accepted step.
         limit_weight: of the problem's state limits, as penalties (M46), in the first round.
         limit_factor: by which it grows with every further round, > 1.
-        limit_rounds: rounds of new multipliers after the first; 0: the limits are soft.
+        limit_rounds: rounds of new multipliers after the first; 0: the limits are soft. Where limits do not
+            hold, a round that had its even share of ``max_iterations`` ends once a pass gains no more than a
+            tenth of what is paid for violations, and at the latest with half of the passes that were left.
         limit_tolerance: states may be that far beyond their limits, relative to max(1, |limit|); where they
-            are further at the end the status is STATE_LIMITS, unless the limits are soft.
+            are further when passes end the status is STATE_LIMITS, unless the limits are soft
+            (`Result.beyond_limits` says which, when and by how much).
         start: where passes start from when no states are given. "rollout": under the controls given, or
             zeros; "hold": multiple shooting (M43) from the first state held; "goal": the same from the
             minimum of the final cost's expansion about the first state; "automatic": a rollout of the

@@ -81,15 +81,16 @@ def solve(
 
 def _stuck(work: Workspace, x0: Any, result: Result) -> Result:
     """The result; of problems whose regularisation reached its limit from passes that go on from there with
-    the control regularised, if they cost less.
+    the control regularised, if they keep the limits of states alone or cost less.
     """
     stuck = result.status == Status.REGULARIZATION_LIMIT
     if not stuck.any():
         return result
     again = Workspace(work.problem, work.batch, replace(work.options, regularization=OF_CONTROLS))
     found = again.solve(x0, result.us)
-    lower = stuck & (found.cost < result.cost)
-    return _either(lower, found, result)
+    kept, before = (each.keeps_limits(work.options.limit_tolerance) for each in (found, result))
+    better = (kept > before) | (kept == before) & (found.cost < result.cost)
+    return _either(stuck & better, found, result)
 
 
 def _felt(work: Workspace, x0: Any, result: Result) -> Result:

@@ -13,8 +13,7 @@ import warp as wp
 from slcp_warp.inputs.checks import function, instance, shown, whole
 from slcp_warp.inputs.copies import NotCopied
 from slcp_warp.inputs.errors import ArgumentError
-from slcp_warp.kernels.control.costs import make_cost_kernel, make_price_kernel
-from slcp_warp.kernels.control.state_limits import make_limit_kernels
+from slcp_warp.kernels.control.costs import make_cost_kernel
 from slcp_warp.kernels.device.launch import Prepared, together
 from slcp_warp.kernels.device.tables import copy_table
 
@@ -22,8 +21,9 @@ from .batches import fill
 from .dynamics import dynamics_of
 from .options import Options, of_one_level
 from .parts.arrays import Arrays
-from .parts.gaps import close_gaps, start_again
+from .parts.gaps import close_gaps
 from .parts.passes import Passes
+from .parts.rounds import Rounds
 from .parts.starts import held_states, no_controls, start_automatically
 from .problem import Problem
 from .results.result import Result
@@ -84,6 +84,7 @@ class Workspace(NotCopied):
         self._passes = Passes(weakref.proxy(self), self._policy)  # its parts go with a workspace at once
         first = self._make.first_candidate(self._candidates)
         self._run_first = self._passes.rollouts.run(self.batch, first, self._all)
+        self._rounds = None if problem.state_limits is None else Rounds(weakref.proxy(self))
 
     def _prepare_derivatives(self, rows: np.ndarray) -> None:
         """Derivatives of the dynamics, and of the cost: where it gives none, differences in float64."""
@@ -107,17 +108,6 @@ class Workspace(NotCopied):
         inputs = [policy.xs, policy.us, exact, fresh, d]
         grain = 16 if differences else 512
         self._run_cost = Prepared(kernel, B * (N + 1), inputs, self.device, grain=grain)
-        self._run_penalty = self._run_update = self._run_price = None
-        if problem.state_limits is not None:
-            add, update = make_limit_kernels(problem.nx, dtype)
-            inputs = [policy, self._limits, fresh, d]
-            self._run_penalty = Prepared(add, B, inputs, self.device, grain=16)
-            self._price: Any = wp.zeros(B, dtype=wp.float64, device=self.device)
-            price = make_price_kernel(functions, problem.nx, problem.nu, dtype)
-            inputs = [policy.xs, policy.us, self._weights, self._price]
-            self._run_price = Prepared(price, B, inputs, self.device, grain=16)
-            inputs = [policy, self._limits, self._state.searching, dtype(self.options.limit_factor)]
-            self._run_update = Prepared(update, B, inputs, self.device, grain=16)
 
     @functools.cached_property
     def _shooting(self) -> "Passes":
@@ -175,8 +165,8 @@ class Workspace(NotCopied):
             done = self.start(x0, us0, xs0, K0, k0, limit)
             self._behind[:], self._stopped = False, False
             self._descend(done, limit, left)
-            if self._run_update is not None:
-                self._hold_limits(limit)
+            if self._rounds is not None:
+                self._hold_limits(self._rounds, limit)
             self._without_regularization()
             return int(self.passes.numpy().max(initial=0))
 
@@ -188,9 +178,8 @@ class Workspace(NotCopied):
         Limits of states have their first weight. With gaps it takes passes to close them, at most ``limit``;
         returns how many.
         """
-        if self._run_update is not None:
-            self._limits.multiplier.zero_()
-            self._limits.weight.fill_(self.options.limit_weight)
+        if self._rounds is not None:
+            self._rounds.start()
         B, N, nx, nu = self.batch, self.problem.horizon, self.problem.nx, self.problem.nu
         if xs0 is None and K0 is not None:
             raise ArgumentError("K0 is given without xs0, the states that its feedback is about")
@@ -219,45 +208,23 @@ class Workspace(NotCopied):
         self._passes.start()
         return 0
 
-    def _hold_limits(self, limit: int) -> None:
+    def _hold_limits(self, rounds: Rounds, limit: int) -> None:
         """Rounds of new multipliers and passes until the state limits hold."""
-        for _ in range(0 if self._stopped else self.options.limit_rounds):
-            passes = self.passes.numpy()
-            beyond = (self.beyond_limits() > self.options.limit_tolerance) & ~self._behind & (passes < limit)
-            if not beyond.any() or self._stopped:
-                break
-            self._state.searching.assign(beyond.astype(np.int32))
-            assert self._run_update is not None
-            self._run_update()
-            start_again(self, beyond)  # the same trajectory, and its cost with the new multipliers
-            self._descend(int(passes[beyond].max()), limit)
-        if self.options.limit_rounds:
-            code, beyond = self.status.numpy(), self.beyond_limits() > self.options.limit_tolerance
-            unheld = beyond & np.isin(code, (Status.CONVERGED, Status.SMALL_IMPROVEMENT, Status.FLAT))
-            self.status.assign(np.where(unheld, Status.STATE_LIMITS, code).astype(np.int32))
+        while not self._stopped and (due := rounds.due(limit)).any():
+            rounds.next(due)
+            self._descend(int(self.passes.numpy()[due].max()), limit)
+        rounds.judge()
 
     def beyond_limits(self) -> np.ndarray:
         """(B,) how far a state is at most beyond its limits, relative to max(1, |limit|); 0: nowhere."""
-        xs = self.xs.numpy()[:, 1:].astype(np.float64)
-        lower, upper = (a[:, None] for a in self.problem.state_limit_rows())
-        below, above = (
-            np.where(there, sign * (xs - bound) / np.maximum(1.0, np.abs(bound)), -np.inf)
-            for sign, there, bound in (
-                (sign, np.isfinite(given), np.where(np.isfinite(given), given, 0.0))
-                for sign, given in ((-1.0, lower), (1.0, upper))
-            )
-        )
-        return np.maximum(np.maximum(below, above).max((1, 2), initial=0.0), 0.0)
+        return np.zeros(self.batch) if self._rounds is None else self._rounds.beyond()
 
     def own_cost(self) -> np.ndarray:
         """(B,) the cost without the penalties of the state limits (M46), which can be so large that a
         difference tells nothing.
         """
         cost: np.ndarray = self.cost.numpy().copy()
-        if self._run_price is None:
-            return cost
-        self._run_price()
-        return np.where(np.isfinite(cost), self._price.numpy(), cost)
+        return cost if self._rounds is None else np.where(np.isfinite(cost), self._rounds.own_cost(), cost)
 
     def _descend(self, done: int, limit: int, rungs: Mapping[int, int] = MappingProxyType({})) -> None:
         """Passes until no problem goes on, or has made as many as it may.
@@ -276,8 +243,11 @@ class Workspace(NotCopied):
             self._passes.backward()
             if not self.active():
                 return
+            before = None if self._rounds is None else self.cost.numpy().copy()
             self._passes.search()
             done += 1
+            if self._rounds is not None and before is not None:
+                self._rounds.cut_short(before - self.cost.numpy(), limit)
             if self._tell is not None:
                 going, cost = int(self._state.active.numpy().sum()), self.cost.numpy()
                 most = int(self.passes.numpy().max())
@@ -316,8 +286,8 @@ class Workspace(NotCopied):
         """Derivatives of dynamics and cost where trajectories changed."""
         self._run_linearize()
         self._run_cost()
-        if self._run_penalty is not None:
-            self._run_penalty()
+        if self._rounds is not None:
+            self._rounds.add_penalties()
 
     def backward(self, last: bool = False) -> None:
         """A backward pass of the problems that go on: K, k, Vx, Vxx; with ``last`` they end with it."""
@@ -361,6 +331,7 @@ class Workspace(NotCopied):
             upper=upper,
             trace=Trace.from_rows(self._state.trace.numpy()[:, : passes + 1]),
             simulated=self.problem.simulated(),
+            state_limits=None if self._rounds is None else self.problem.state_limit_rows(),
         )
 
 

@@ -130,7 +130,8 @@ def result_of(problem: Problem, store: Store) -> Result:
     passes = int(columns["passes"].max())
     trace = Trace(**{name: np.ascontiguousarray(columns[f"trace_{name}"][:, :passes]) for name in PASSES})
     arrays: dict[str, Any] = {name: columns[name] for name in ARRAYS}
-    return Result(**arrays, trace=trace, simulated=problem.simulated())
+    limits = None if problem.state_limits is None else problem.state_limit_rows()
+    return Result(**arrays, trace=trace, simulated=problem.simulated(), state_limits=limits)
 
 
 def check_shared(problem: Problem) -> None:

@@ -20,6 +20,7 @@ from slcp_warp.storage.printed import Printed
 from ..options import Options, Regularization
 from ..problem import Problem
 from ..results.result import Result
+from ..results.status import Status
 from ..workspace import Workspace
 from .chunks import MultistartJob, Starts, result_of
 
@@ -36,7 +37,8 @@ class Multistart(Printed):
     """Outcome of `solve_multistart`.
 
     Attributes:
-        best: the converged problem of lowest cost; of all of them where none converged.
+        best: the converged problem of lowest cost; where none converged of those that keep their limits of
+            states, and where none does of all.
         index: its place in ``all``: start index // schedules, schedule index % schedules.
         all: every start under every schedule.
         complete: False if it was ended; then only finished starts are in.
@@ -124,6 +126,9 @@ def _in_chunks(
 
 
 def _best(result: Result) -> Multistart:
-    ranked = np.where(result.converged, result.cost, np.inf)
-    index = int(np.argmin(ranked if np.isfinite(ranked).any() else result.cost))
+    for good in (result.converged, result.status != Status.STATE_LIMITS, np.full(len(result.cost), True)):
+        ranked = np.where(good, result.cost, np.inf)
+        if np.isfinite(ranked).any():
+            break
+    index = int(np.argmin(ranked))
     return Multistart(result.select(index), index, result)

@@ -258,13 +258,14 @@ def solve_starts(
         work = Workspace(problem, len(batch), settings)
         result = work.solve(x, batch, rungs=rungs, progress=progress and partial(tell, method))
         order = np.argsort(np.where(np.isnan(result.cost), np.inf, result.cost), kind="stable")
-        if place + 1 == len(methods) and problem.state_limits is not None:  # what was left behind kept none
+        last = ended or place + 1 == len(methods)
+        if last and problem.state_limits is not None:  # what was left behind kept none
             beyond = work.beyond_limits()[order] > settings.limit_tolerance
             order = order[np.argsort(beyond, kind="stable")]
         us = result.us[order[:finish]]
         kept = {i: result.select(int(n)) for i, n in enumerate(order[: max(finish, 1)])}
         before = {i: each.after(before.get(int(order[i]))) for i, each in kept.items()}
-        if ended:
+        if last:
             break
     return Multistart(before[0], int(order[0]), result)
 

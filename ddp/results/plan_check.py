@@ -22,7 +22,8 @@ SINGLE = ("cost", "status", "iterations", "gradient", "min_pivot")
 COLUMNS = tuple(f"trace_{f.name}" for f in fields(Trace))
 OF_STEPS = ("xs", "us", "K", "k", "Vx", "Vxx")
 OF_COMMANDS = ("level_sigma", "level_cost", "trace_level", "batch_cost", "batch_status")  # of `slcp optimise`
-PLAN = (*OF_STEPS, *SINGLE, *COLUMNS, "lower", "upper", *OF_COMMANDS)
+STATE_LIMITS = ("state_lower", "state_upper")  # of problems that have some, (1 or B, nx)
+PLAN = (*OF_STEPS, *SINGLE, *COLUMNS, "lower", "upper", *STATE_LIMITS, *OF_COMMANDS)
 
 
 def check_plan(arrays: Arrays, simulated: Simulated) -> None:
@@ -45,6 +46,8 @@ def check_plan(arrays: Arrays, simulated: Simulated) -> None:
     shapes(arrays, {name: (*batch, *shape) for name, shape in need.items()})
     if limits and not (arrays["lower"] <= arrays["upper"]).all():
         raise FileError("a lower control limit is above the upper one")
+    if set(STATE_LIMITS) & arrays.keys():
+        _check_state_limits(arrays, nx, batch)
     planned = np.isfinite(arrays["cost"]) if batch else ...
     followed = ("xs", "us", "K", "k")
     finite({name: arrays[name][planned] for name in followed}, *followed)
@@ -52,6 +55,16 @@ def check_plan(arrays: Arrays, simulated: Simulated) -> None:
     worlds_of_parameters(simulated, batch or (1,))
     _check_solved(arrays)
     _check_levels(arrays, passes)
+
+
+def _check_state_limits(arrays: Arrays, nx: int, batch: tuple[int, ...]) -> None:
+    """Raise FileError for limits of other states or problems."""
+    rows = length(arrays, STATE_LIMITS[0], 0, 2)
+    shapes(arrays, dict.fromkeys(STATE_LIMITS, (rows, nx)))
+    if rows not in (1, *batch):
+        raise FileError(f"array 'state_lower' is for {rows} problems; 1 or one each is needed")
+    if not (arrays[STATE_LIMITS[0]] <= arrays[STATE_LIMITS[1]]).all():
+        raise FileError("a lower state limit is above the upper one")
 
 
 def _check_solved(arrays: Arrays) -> None:

@@ -14,7 +14,8 @@ from slcp_warp.results.simulated import Simulated
 from slcp_warp.storage.files import FileError, reading
 from slcp_warp.storage.printed import Printed, Table, counted
 
-from .plan_check import PLAN, check_plan
+from .excess import Limits, excess, worst
+from .plan_check import PLAN, STATE_LIMITS, check_plan
 from .status import Status
 from .trace import Trace
 
@@ -39,9 +40,10 @@ class Result(Printed):
         min_pivot: smallest pivot of the unregularised Q_uu there (B,).
         lower, upper: limits of the controls (B, nu), infinite where there is none; `TrackingPolicy` keeps
             them.
-        trace: history.
+        trace: history; its costs are with what is paid for `state_limits` at the time, unlike `cost`.
         simulated: scene, options and parameters that were planned with; None: dynamics of one's own.
         header: further entries of its file, JSON values; see `delay`.
+        state_limits: of the problem, lower and upper (1 or B, nx), infinite where there is none; None: none.
     """
 
     xs: np.ndarray
@@ -60,6 +62,7 @@ class Result(Printed):
     trace: Trace
     simulated: Simulated | None = None
     header: dict[str, Any] = field(default_factory=dict)
+    state_limits: Limits | None = None
 
     @property
     def converged(self) -> np.ndarray:
@@ -70,6 +73,33 @@ class Result(Printed):
     def positive_definite(self) -> np.ndarray:
         """Whether Q_uu, without regularisation, is positive definite at every step (B,)."""
         return np.asarray(self.min_pivot > 0.0)
+
+    def beyond_limits(self) -> str | list[str]:
+        """Which state is furthest beyond its limits, by how much and when, in words ("" where none is); of a
+        batch for every problem.
+        """
+        if self.state_limits is None:
+            return [""] * len(self.xs) if self.batched else ""
+        names = step_size = None
+        if self.simulated is not None:
+            names, step_size = self.simulated.scene.state_names, self.simulated.step_size
+        found = worst(self.xs if self.batched else self.xs[None], self.state_limits)
+        lines = ["" if each is None else each.text(names, step_size) for each in found]
+        return lines if self.batched else lines[0]
+
+    def keeps_limits(self, tolerance: float) -> np.ndarray:
+        """Whether no state is beyond its limits by more than that, relative to max(1, |limit|) (B,)."""
+        if self.state_limits is None:
+            return np.ones(np.shape(self.status), dtype=bool)
+        relative = excess(self.xs if self.batched else self.xs[None], self.state_limits)[1]
+        return np.reshape(relative.max((1, 2)) <= tolerance, np.shape(self.status))
+
+    def _limits_of(self, index: int) -> Limits | None:
+        """The state limits of one problem."""
+        if self.state_limits is None or len(self.state_limits[0]) == 1:
+            return self.state_limits
+        lower, upper = (a[index][None] for a in self.state_limits)
+        return lower, upper
 
     @property
     def delay(self) -> int:
@@ -91,6 +121,7 @@ class Result(Printed):
             self,
             trace=Trace(**{name: getattr(self.trace, name)[index] for name in PASSES}),
             simulated=None if self.simulated is None else self.simulated.select(index),
+            state_limits=self._limits_of(index),
             **{name: getattr(self, name)[index] for name in ARRAYS},
         )
 
@@ -119,6 +150,8 @@ class Result(Printed):
             )
         arrays = {name: np.asarray(getattr(self, name)) for name in ARRAYS}
         arrays |= {f"trace_{name}": getattr(self.trace, name) for name in PASSES}
+        if self.state_limits is not None:
+            arrays |= dict(zip(STATE_LIMITS, self.state_limits, strict=True))
         return Record("plan", arrays, self.simulated, {"horizon": self.us.shape[-2]} | self.header)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
@@ -140,11 +173,14 @@ class Result(Printed):
     @classmethod
     def of(cls, record: Record) -> "Result":
         """The result that a plan file holds."""
-        values = {name: record.arrays[name] for name in ARRAYS if name in record.arrays}
+        values: dict[str, Any] = {name: record.arrays[name] for name in ARRAYS if name in record.arrays}
         for name, none in (("lower", -np.inf), ("upper", np.inf)):  # of files that state no limits
             values.setdefault(name, np.full(np.delete(record["us"].shape, -2), none))
         trace = Trace(**{name: record[f"trace_{name}"] for name in PASSES})
         found = cls(**values, trace=trace, simulated=record.simulated, header=record.facts())
+        if STATE_LIMITS[0] in record.arrays:
+            lower, upper = (record[name] for name in STATE_LIMITS)
+            found = replace(found, state_limits=(lower, upper))
         steps = found.us.shape[-2]
         if found.header.get("horizon", steps) != steps:
             raise FileError(f"its header: horizon is {found.header['horizon']!r:.60}; it holds {steps} steps")
@@ -160,15 +196,22 @@ class Result(Printed):
         of = "" if self.simulated is None else f"{self.simulated.scene.name!r}, "
         what = counted(len(self.xs) if self.batched else 1, "problem")
         best = f"cost {np.min(self.cost):.6g}" + (" at best" if self.batched else "")
-        return f"{of}{what}, {self.us.shape[-2]} steps: {ends}; {best}"
+        line = f"{of}{what}, {self.us.shape[-2]} steps: {ends}; {best}"
+        beyond = self.beyond_limits()
+        return f"{line}; beyond its limits {beyond}" if beyond and not self.batched else line
 
     def _tables(self) -> list[Table]:
         names = ("cost", "iterations", "gradient", "min_pivot")
         columns = [np.ravel(getattr(self, name)) for name in names]
         ends = [Status(int(code)).name for code in np.ravel(self.status)]
         rows = [(i, end, *(c[i].item() for c in columns)) for i, end in enumerate(ends)]
-        return [Table("", ("problem", "status", *names), rows, left=2)]
+        if self.state_limits is None:
+            return [Table("", ("problem", "status", *names), rows, left=2)]
+        beyond = self.beyond_limits() if self.batched else [self.beyond_limits()]
+        rows = [(*row, what) for row, what in zip(rows, beyond, strict=True)]
+        return [Table("", ("problem", "status", *names, "beyond its limits"), rows, left=2)]
 
 
 PASSES = tuple(f.name for f in fields(Trace))
-ARRAYS = tuple(f.name for f in fields(Result) if f.name not in ("trace", "simulated", "header"))
+APART = ("trace", "simulated", "header", "state_limits")  # have no axis of problems, or are no arrays
+ARRAYS = tuple(f.name for f in fields(Result) if f.name not in APART)

@@ -28,10 +28,10 @@ _EXPLANATIONS = {
     Status.RUNNING: "still running",
     Status.CONVERGED: "|Q_u| is within the gradient tolerance, relative to the size of its terms",
     Status.SMALL_IMPROVEMENT: "the last improvement is within its tolerance, or the next drowns in rounding",
-    Status.MAX_ITERATIONS: "stopped at the limit of iterations",
+    Status.MAX_ITERATIONS: "stopped before it converged: all passes are made, or it was told to end",
     Status.REGULARIZATION_LIMIT: "Q_uu is not positive definite at the largest regularisation",
     Status.LINE_SEARCH_FAILED: "no step size lowers the cost at the largest regularisation",
     Status.DYNAMICS_FAILED: "the dynamics, the cost or their derivatives failed or were not finite",
-    Status.STATE_LIMITS: "a state is beyond its limits at the end of the last round",
+    Status.STATE_LIMITS: "a state is beyond its limits where passes ended",
     Status.FLAT: "nothing can be felt from here: the controls do not reach what the cost would gain from",
 }

@@ -13,7 +13,7 @@ class Trace(Arrays):
     """One row a pass (B, passes + 1), NaN where a problem had already stopped.
 
     Attributes:
-        cost: cost after the pass.
+        cost: cost after the pass, with what is paid for state limits in its round (M46).
         reduction: cost before less cost after; 0 where no step size was accepted.
         reduction_ratio: actual over expected reduction of the step accepted.
         step_size: the alpha accepted, 0 where none was.

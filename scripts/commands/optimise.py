@@ -72,9 +72,19 @@ def passes_told(stop: Stop, on: bool) -> Iterator[Callable[[str, int, int, float
         yield tell
 
 
-def tell_success(task: slcp.Task, problem: ddp.Problem, x0: np.ndarray, path: Path, stop: Stop) -> None:
+def tell_limits(result: ddp.Result) -> None:
+    """Say where a plan breaks its limits of states, by how much and when."""
+    if not result.keeps_limits(ddp.Options.limit_tolerance):
+        typer.echo(
+            f"slcp: this plan breaks the task's state_limits, most of all {result.beyond_limits()}: allow "
+            "more --passes, try more --starts, or give limits that can be kept (docs/do/cost.md)",
+            err=True,
+        )
+
+
+def tell_success(task: slcp.Task, problem: ddp.Problem, x0: np.ndarray, path: Path) -> None:
     """Run a plan as long as the task's runs in the undisturbed task, and say what that says of it."""
-    if stop or task.success is None or problem.horizon != task.steps:
+    if task.success is None or problem.horizon != task.steps:
         return
     assert isinstance(problem.dynamics, slcp.Simulator)
     run = simulate(problem.dynamics, problem.params, x0[None], task.steps, path, task=task)
@@ -93,6 +103,7 @@ def tell_end(result: ddp.Result, path: Path, stop: Stop) -> None:
         typer.echo(f"slcp: {FLAT}", err=True)
     else:
         tell_gains("the plan", result)
+    tell_limits(result)
     wrote(path)
     if stop:
         after = f"after {int(result.iterations)} passes"
@@ -165,5 +176,5 @@ def optimise_command(
     record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)
     console.print(trace_table(results[-1]), outcome_table(record, results))
-    tell_success(chosen, late.whole, x0, path, stop)
+    tell_success(chosen, late.whole, x0, path)
     tell_end(results[-1], path, stop)

@@ -167,9 +167,9 @@ def _passes(result: ddp.Result, name: str) -> np.ndarray:
 
 def trace_table(result: ddp.Result) -> Table:
     """The passes of one solve; the middle of a long trace is left out."""
-    table = Table(
-        title="passes (ratio: actual to expected reduction; pivot: smallest of Q_uu)", box=SIMPLE_HEAD
-    )
+    paid = "" if result.state_limits is None else "; cost: with what is paid for the limits of states"
+    title = f"passes (ratio: actual to expected reduction; pivot: smallest of Q_uu{paid})"
+    table = Table(title=title, box=SIMPLE_HEAD)
     columns: tuple[tuple[str, str, str], ...] = (
         ("cost", "cost", ".5f"), ("less", "reduction", ".2e"), ("ratio", "reduction_ratio", ".2f"),
         ("alpha", "step_size", ".3g"), ("mu", "regularization", ".1e"), ("max |Q_u|", "gradient", ".1e"),

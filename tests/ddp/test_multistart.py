@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from ddp_examples import cart_pole
 
+from slcp_warp import ddp
 from slcp_warp.ddp.multistart import solve as multistart
 
 
@@ -20,7 +21,9 @@ from slcp_warp.ddp.multistart import solve as multistart
     ],
 )
 def test_the_best_is_the_lowest_that_converged(monkeypatch, cost, converged, best):
-    made = SimpleNamespace(cost=np.array(cost), converged=np.array(converged, bool), select=lambda i: i)
+    converged = np.array(converged, bool)
+    status = np.where(converged, ddp.Status.CONVERGED, ddp.Status.MAX_ITERATIONS)
+    made = SimpleNamespace(cost=np.array(cost), converged=converged, status=status, select=lambda i: i)
     seen = {}
 
     class Workspace:
