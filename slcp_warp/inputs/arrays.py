@@ -136,11 +136,9 @@ def for_all(name: str, given: Batch, worlds: int) -> wp.array:
     if worlds == 1 or given.batched or given.kind == "warp":
         same_worlds(name, given.worlds, worlds)
         return given.array
-    checks.memory(
-        name, worlds * given.array.size, wp.types.type_size_in_bytes(given.array.dtype), given.array.device
-    )
-    numbers = np.repeat(given.array.numpy(), worlds, axis=0)
-    return wp.array(numbers, dtype=given.array.dtype, device=given.array.device)
+    dtype, device = given.array.dtype, wp.get_device(given.array.device)
+    checks.memory(name, worlds * given.array.size, wp.types.type_size_in_bytes(dtype), device)
+    return wp.array(np.repeat(given.array.numpy(), worlds, axis=0), dtype=dtype, device=device)
 
 
 def from_batch(array: wp.array, kind: str, batched: bool) -> Array:

@@ -126,7 +126,9 @@ class Signal(Compared):
 
     def pairs(self, scene: Scene) -> tuple[int, int]:
         """The first of the pairs that one of contacts is of, and one after the last."""
-        return (0, len(scene.pair_names)) if self.which is None else scene.pair_range(self.which)
+        if self.which is None:
+            return 0, len(scene.pair_names)
+        return scene.pair_range(self.which)  # type: ignore[arg-type]
 
     def less(self, scene: Scene) -> int:
         """The place of the state that is taken off it, -1: none; of contacts, one after the last pair."""

@@ -201,10 +201,12 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
             offset=flat(numbers["shape_offset"][i]), angle=float(numbers["shape_angle"][i]),
         ))  # fmt: skip
     for contact in scene.all_contacts:
-        for kind in ("friction", "restitution"):
-            if getattr(contact, kind) is not None and kind in numbers:
-                contact = dataclasses.replace(contact, **{kind: float(numbers[kind][pair])})
-        contacts.append(contact)
+        own: dict[str, Any] = {
+            name: float(numbers[name][pair])
+            for name in ("friction", "restitution")
+            if getattr(contact, name) is not None and name in numbers
+        }
+        contacts.append(dataclasses.replace(contact, **own))
         pair += len(contact_ends(scene.shapes, contact))
     for i, spring in enumerate(scene.springs):
         ends = numbers["spring_point"][i]

@@ -120,7 +120,7 @@ class Draws:
         events = [_some(each, world0, count, none, width) for each, width in zip(self._events, widths)]
         params = self._params.draw(world0, count, none)
         if len(self._corners):
-            columns = wp.array(self._corners, dtype=wp.int32, device=self.sim.device)
+            columns: wp.array = wp.array(self._corners, dtype=wp.int32, device=self.sim.device)
             launch(make_corners_kernel(self.sim.dtype), count, [columns, params], self.sim.device)
         return Worlds(self._x0.draw(world0, count, self._pick(world0, count)), params, *events)
 
