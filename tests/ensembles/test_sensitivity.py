@@ -177,6 +177,14 @@ def test_a_report_says_what_matters(tmp_path):
     assert len(lines) == 6 and lines[1].startswith('y,policy,8192,"0, same_0",')
 
 
+def test_what_does_not_vary_has_no_shares_and_says_so():
+    source = sweep_of("g", 1024)
+    source.pieces[KEY][0] |= {"y": np.full(1024, 3.0)}
+    found = slcp.Report(None, source).sensitivity("y")
+    assert np.isnan(found.first).all() and "no shares: y is the same in all worlds" in str(found)
+    assert "no shares" not in str(slcp.Report(None, sweep_of("g", 1024)).sensitivity("y"))
+
+
 def test_indices_say_which_rows_they_are_of():
     source = sweep_of("g", 8192)
     rows = source.pieces[KEY][0]

@@ -66,6 +66,8 @@ class Sensitivity(Printed):
         few_are = f"; too few worlds {what} for some of the intervals" if few else ""
         if self.finite < 1.0:
             few_are += f"; of the {100.0 * self.finite:.3g} % of samples where {self.measure} is finite"
+        if not any(math.isfinite(v) for v, _low, _high in (*self.first, *self.total)):
+            few_are += f"; no shares: {self.measure} is the same in all worlds, or there are too few of them"
         return f"of {self.measure} under {self.policy}{case}: {counts}{few_are}"
 
     def _tables(self) -> list[Table]:
