@@ -282,22 +282,25 @@ def make_contacts(pairs: int) -> SimpleNamespace:
     @wp.func
     def push(c: Contacts, first: int, end: int):
         most = wp.float64(0.0)
-        for p in range(first, end):
-            most = wp.max(most, c.impulse[p])
+        for p in range(pairs):
+            if p >= first and p < end:
+                most = wp.max(most, c.impulse[p])
         return most
 
     @wp.func
     def impulse(c: Contacts, first: int, end: int):
         total = wp.float64(0.0)
-        for p in range(first, end):
-            total += c.impulse[p]
+        for p in range(pairs):
+            if p >= first and p < end:
+                total += c.impulse[p]
         return total
 
     @wp.func
     def gap(c: Contacts, first: int, end: int):
         least = wp.float64(FAR)
-        for p in range(first, end):
-            least = wp.min(least, c.distance[p])
+        for p in range(pairs):
+            if p >= first and p < end:
+                least = wp.min(least, c.distance[p])
         return least
 
     return SimpleNamespace(Contacts=Contacts, none=none, push=push, impulse=impulse, gap=gap)
