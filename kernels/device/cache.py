@@ -160,7 +160,7 @@ def _load(module: Any, device: wp.Device) -> bool:
         _remove(folder, f"it cannot be loaded ({error})")
         module.load(device, block)
         folder = _folder(module, block)
-    compiled = bool(_unlisted(folder, _listed(folder)))
+    compiled = folder.exists() and bool(_unlisted(folder, _listed(folder)))  # it may be loaded from elsewhere
     if compiled:
         _write_checksums(folder)
     return compiled

@@ -201,7 +201,7 @@ def test_an_opening_beyond_all_speeds_excuses_no_runaway_answer():
 
     def opened(keep):
         p = pose(keep)
-        p.rate = np.array([[-20.0, 10.0]])
+        p.rate = p.near = np.array([[-20.0, 10.0]])
         p.jac = np.array([[[1.0, 0.0], [-1.0, 1e-9]]])
         p.free = p.rate + np.einsum("bij,bj->bi", p.jac, p.drive.free)
         return p

@@ -116,6 +116,15 @@ def test_an_object_without_a_checksum_is_compiled_again(folder):
         again()
 
 
+def test_a_kernel_that_is_loaded_needs_no_folder(folder):
+    """The cache was emptied, or is another one, since the kernel was loaded from it."""
+    shutil.rmtree(folder)
+    cache._loaded.clear()
+    np.testing.assert_array_equal(slcp.residual("min", [1.0, 5.0], [2.0, 3.0]), [1.0, 3.0])
+    again()
+    assert folder.exists()
+
+
 def test_objects_for_several_processors_share_a_folder(folder):
     """Those with a checksum stay; one without is not trusted, and is compiled by who needs it."""
     (folder / "another.o").write_bytes(b"for another processor")
