@@ -137,6 +137,27 @@ def test_derivatives_through_a_bounce(law):
         check({key: error for key, error in found.items() if law != "hard" or key[0] != "sigma"})
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_gradients_back_through_a_bounce_have_both_levers(law):
+    """Of shapes whose touched points have one: two rectangles, and a disc."""
+    bodies = (Body("a", 1.0, 0.05, joint="free", com=(0.02, 0.0)), Body("b", 0.5, 0.01, joint="free"))
+    shapes = (Shape("A", "a", "rectangle", (0.2, 0.1), corner_radius=0.03), Shape("B", "b", "disc", 0.1),
+              Shape("C", "b", "rectangle", (0.15, 0.08), corner_radius=0.02, angle=0.3))  # fmt: skip
+    contacts = (Contact("A", "C", 0.3, restitution=0.7), Contact("A", "B", 0.3, restitution=0.7))
+    scene = Scene("two", bodies, shapes, contacts, gravity=(0.0, 0.0), step_size=0.01, sigma=0.05)
+    sim = simulator(scene, law)
+    x, u, _ = states(scene, 60, speed=3.0)
+    done, lin = sim.step(x), sim.linearize(x)
+    good = (done.status == 0) & (lin.status == 0)
+    assert (good & (np.abs(done.state - x)[:, 6:].max(axis=1) > 0.5)).sum() > 10
+    weight = np.zeros((len(x), 2, sim.nx))
+    weight[:, 1] = np.random.default_rng(0).standard_normal((len(x), sim.nx))
+    back = slcp.vjp(sim, x, u[:, None], weight).x0
+    through = np.einsum("bij,bi->bj", lin.A, weight[:, 1])
+    size = np.abs(through).max(axis=1, keepdims=True)
+    assert np.abs((back - through) / size)[good].max() < 1e-8
+
+
 def test_a_coefficient_is_found_by_its_gradient():
     """Of a ball thrown obliquely, by its way to the top after it has bounced; secants of the slope."""
     sim, steps = simulator(ball(0.5, 0.3, step_size=0.005), "coulomb"), 110
