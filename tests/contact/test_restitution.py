@@ -139,11 +139,12 @@ def test_derivatives_through_a_bounce(law):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_gradients_back_through_a_bounce_have_both_levers(law):
-    """Of shapes whose touched points have one: two rectangles, and a disc."""
+    """Of shapes whose touched points have one: two ellipses, a rectangle and a disc."""
     bodies = (Body("a", 1.0, 0.05, joint="free", com=(0.02, 0.0)), Body("b", 0.5, 0.01, joint="free"))
-    shapes = (Shape("A", "a", "rectangle", (0.2, 0.1), corner_radius=0.03), Shape("B", "b", "disc", 0.1),
-              Shape("C", "b", "rectangle", (0.15, 0.08), corner_radius=0.02, angle=0.3))  # fmt: skip
-    contacts = (Contact("A", "C", 0.3, restitution=0.7), Contact("A", "B", 0.3, restitution=0.7))
+    shapes = (Shape("A", "a", "ellipse", (0.2, 0.1)), Shape("C", "b", "ellipse", (0.15, 0.08), angle=0.3),
+              Shape("D", "a", "rectangle", (0.1, 0.15), corner_radius=0.03),
+              Shape("B", "b", "disc", 0.1))  # fmt: skip
+    contacts = (Contact("A", "C", 0.3, restitution=0.7), Contact("D", "B", 0.3, restitution=0.7))
     scene = Scene("two", bodies, shapes, contacts, gravity=(0.0, 0.0), step_size=0.01, sigma=0.05)
     sim = simulator(scene, law)
     x, u, _ = states(scene, 60, speed=3.0)
