@@ -96,7 +96,8 @@ class Draws:
         scene = sim.scene
         params = laws.parameter_laws(scene, base, d.parameters)
         self._params = Columns(sim, seed, params, sim.dtype, {STEP_SIZE: longest})
-        self._corners = columns_of_corners(scene.structure) if len(params.varied) else np.zeros((0, 3))
+        corners = columns_of_corners(scene.structure)
+        self._corners = corners[np.isin(corners, params.varied).any(axis=1)]  # of which a number is drawn
         self._x0 = Columns(sim, seed, d.start_laws(scene, starts), sim.dtype, {})
         events = d.push_laws(), d.dropout_laws(), d.timing_laws()
         self._events = [Columns(sim, seed, d.kick_laws(scene), sim.dtype, {})]

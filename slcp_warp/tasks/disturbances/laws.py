@@ -159,13 +159,9 @@ def check_parameter(key: str, drawn: Distribution) -> None:
             "all parts, or of one, as 'box.mass'"
         )
     alone = name == "radius" and parameter_of(key)[2] is not None  # one of two sizes
-    kinds = (
-        {"log-normal"}
-        if name in FACTORS and not alone
-        else {"uniform", "normal"}
-        if name in SIGNED
-        else set(LAWS)
-    )
+    kinds = {"uniform", "normal"} if name in SIGNED else set(LAWS)
+    if name in FACTORS and not alone:
+        kinds = {"log-normal"}
     if name in POSITIVE or name in NONNEGATIVE:
         kinds.discard("normal")
     if name in SHARES:
@@ -178,15 +174,10 @@ def check_parameter(key: str, drawn: Distribution) -> None:
         need = " or ".join(sorted(kinds - {"none"}))
         raise ArgumentError(f"{label} is {shown(drawn)}; {name} takes {need}")
     if isinstance(drawn, Uniform):
-        low = (
-            drawn.low <= 0.0
-            if name in POSITIVE or alone
-            else drawn.low < 0.0
-            if name in NONNEGATIVE
-            else False
-        )
+        above = name in POSITIVE or alone
+        low = drawn.low <= 0.0 if above else name in NONNEGATIVE and drawn.low < 0.0
         if low:
-            sign = "positive" if name in POSITIVE or alone else "no negative"
+            sign = "positive" if above else "no negative"
             raise ArgumentError(f"{label} is {shown(drawn)}; {sign} numbers are needed")
         if name in SHARES and drawn.high > 1.0:
             raise ArgumentError(f"{label} is {shown(drawn)}; numbers of at most 1 are needed")
