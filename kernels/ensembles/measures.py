@@ -50,10 +50,8 @@ def make_tables(dtype: type) -> type:
 
     @wp.struct
     class Measures:
-        signal: wp.array2d(
-            dtype=wp.int32
-        )  # (S, 5): kind, place or first pair, state to take off or pairs' end,
-        # how, measure to take off
+        # (S, 5): kind, place or first pair, state to take off or pairs' end, how, measure to take off
+        signal: wp.array2d(dtype=wp.int32)
         since: int  # of the last measures, which come first in a step: what relative signals began with
         bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
         compared: wp.array(dtype=wp.int32)  # (A,): its signal
