@@ -81,7 +81,7 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
     one that solves to other velocities now than in the rollout, as Coulomb's friction may, and one whose
     derivatives have no digits left.
     """
-    back = make_step_adjoint(given, residual)
+    back = make_step_adjoint(given, residual, True)
     through = make_policy_adjoint(given)
     ZERO, ONE, APART, LEAST = WORK(0.0), WORK(1.0), WORK(OTHER[given]), WORK(FADED[wp.float64])
 

@@ -25,8 +25,9 @@ CARRIED = 1e-2  # of the slopes by v': the last correction's work on the impulse
 
 @cached
 def make_dual(given: type, residual: str) -> SimpleNamespace:
-    """weights(t, k, room, w, b): P (in w.p as -P) and rho of w.target, 1 if these hold; response(t, k, r):
-    k.move = M^-1 J_r' in the units that row r moves.
+    """weights(t, k, room, w, b): P (in w.p as -P) and rho of w.target, 1 if these hold; solved(.., n): the
+    same with the factor of n rows that is there; response(t, k, r): k.move = M^-1 J_r' in the units that row
+    r moves; along(t, k, x, r) = J_r x, push(t, k, w, x, r, by): x -= C_r' by; momenta(t, k, w).
     """
     system, lu, slips = make_system(given, residual), make_lu(), make_slips()
     contacts = residual != "none"
@@ -59,16 +60,23 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
         return out
 
     @wp.func
-    def miss(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], rows: wp.array(dtype=int), n: int):
-        """k.balance and k.res: what w.p and w.y leave of the equations."""
+    def momenta(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
+        """k.balance = N a"""
         for i in range(t.blocks):
             at = t.mass_at[i]
-            total = k.mass[at + i] * w.p[i] - w.target[i]
+            total = k.mass[at + i] * w.p[i]
             for j in range(t.mass_first[i], i):
                 m = k.mass[at + j]
                 total += m * w.p[j]
                 k.balance[j] = k.balance[j] + wp.transpose(m) * w.p[i]
             k.balance[i] = total
+
+    @wp.func
+    def miss(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], rows: wp.array(dtype=int), n: int):
+        """k.balance and k.res: what w.p and w.y leave of the equations."""
+        momenta(t, k, w)
+        for i in range(t.blocks):
+            k.balance[i] = k.balance[i] - w.target[i]
         for n_th in range(n):
             r = rows[n_th]
             k.res[r] = k.slack[r] * w.y[r] + along(t, k, w.p, r)
@@ -119,7 +127,7 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
                 change = wp.max(change, wp.abs(k.move[i][part]))
         return change, size
 
-    @wp.func
+    @wp.func(inline=False)
     def refine(
         t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int,
         rows: wp.array(dtype=int), n: int,
@@ -170,12 +178,9 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
         )
 
     @wp.func
-    def weights(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int):
-        n = int(0)
+    def solved(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int, n: int):
+        """`weights` of the n rows whose factor is there."""
         rows = room.factor.row[b]
-        if wp.static(contacts):
-            n = acting(k, room, b)
-        system.factor(t, k, room.factor, b, n)
         for n_th in range(n):
             w.slides[rows[n_th]] = room.factor.slides[b, n_th]
         left = refine(t, k, room, w, b, rows, n)
@@ -188,4 +193,14 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
             w.rho[r] = k.p[r] / k.scale[r] * w.y[r]
         return carries(t, k, w, rows, n)
 
-    return SimpleNamespace(weights=weights, response=system.response, along=along)
+    @wp.func
+    def weights(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int):
+        n = int(0)
+        if wp.static(contacts):
+            n = acting(k, room, b)
+        system.factor(t, k, room.factor, b, n)
+        return solved(t, k, room, w, b, n)
+
+    return SimpleNamespace(
+        weights=weights, solved=solved, response=system.response, along=along, push=push, momenta=momenta
+    )

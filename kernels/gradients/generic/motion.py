@@ -20,11 +20,11 @@ from .twists import make_twists, turned, twist
 
 
 @cached
-def make_motion(given: type) -> SimpleNamespace:
+def make_motion(given: type, graded: bool) -> SimpleNamespace:
     """body(..., i), joints(...), spring(..., i) add the parts of the motion; row_part(..., group, kappa) that
     of a row whose m is in the rates ROW.
     """
-    move, spans, stiffness_of = make_twists(given), make_spans(given), make_stiffness(given)
+    move, spans, stiffness_of = (make(given, graded) for make in (make_twists, make_spans, make_stiffness))
     z = move.solved
     number, two, add, add2, axes = z.number, z.two, z.add, z.add2, z.axes
     H, GRAVITY, MASS, INERTIA, COM, DAMPING, GEAR, STIFFNESS, REST, PULL, DAMP, LENGTH, ARMATURE = (

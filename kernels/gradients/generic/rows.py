@@ -21,10 +21,14 @@ from .touch import Sum, Touch, make_touch
 
 
 @cached
-def make_rows(given: type, residual: str) -> SimpleNamespace:
+def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
     """constraints(t, s, k, room, w): adds the rows' part."""
     hard = residual == "hard"
-    dual, touch, motion = make_dual(given, residual), make_touch(given, residual), make_motion(given)
+    dual, touch, motion = (
+        make_dual(given, residual),
+        make_touch(given, residual, graded),
+        make_motion(given, graded),
+    )
     move = motion.twists
     z = move.solved
     number, add = z.number, z.add
@@ -73,7 +77,7 @@ def make_rows(given: type, residual: str) -> SimpleNamespace:
             second = -1
         return wp.where(side == 0, first, second)
 
-    @wp.func
+    @wp.func(inline=False)
     def answer_of_row(t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], w: wp.ref[View], r: int):
         """The twists of m, and no slopes by them."""
         dual.response(t, k, r)
@@ -88,7 +92,7 @@ def make_rows(given: type, residual: str) -> SimpleNamespace:
                     w.by_twist[wp.static(ROW) * t.nb + body] = wp.vec3d()
                     move.advance(t, k, w, wp.static(ROW), body)
 
-    @wp.func
+    @wp.func(inline=False)
     def scaled(
         t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], w: wp.ref[View], i: int,
         kappa: WORK,

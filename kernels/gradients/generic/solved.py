@@ -12,9 +12,9 @@ from .room import DUAL, NEW, OLD, View
 
 
 @cached
-def make_solved(given: type) -> SimpleNamespace:
+def make_solved(given: type, graded: bool) -> SimpleNamespace:
     """origin(k, body), axes(k, body) = (cos, sin), rates(t, k, w): P, v and v' by dof;
-    number and pair(t, k, name, i) of the parameters, add and add2 to the gradient by them.
+    number and two(t, k, name, i) of the parameters, add and add2 to the gradient by them if `graded`.
     """
     number = make_mechanism(given).number
 
@@ -42,8 +42,9 @@ def make_solved(given: type) -> SimpleNamespace:
 
     @wp.func
     def add(t: wp.ref[Topology], w: wp.ref[View], name: int, i: int, value: wp.float64):
-        column = t.columns[name] + i
-        w.grad[column] = w.grad[column] + value
+        if wp.static(graded):
+            column = t.columns[name] + i
+            w.grad[column] = w.grad[column] + value
 
     @wp.func
     def add2(t: wp.ref[Topology], w: wp.ref[View], name: int, i: int, value: wp.vec2d):

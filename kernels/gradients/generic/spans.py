@@ -15,12 +15,12 @@ TAIL = (1e-3, 1e-5)  # of a spring's length at zero, as in `mechanism/springs.py
 
 
 @cached
-def make_spans(given: type) -> SimpleNamespace:
+def make_spans(given: type, graded: bool) -> SimpleNamespace:
     """The struct `Span`; span(t, k, i, rest) of spring i; rate(t, w, set, i, e): velocity of its second end
     against the first; back(.., e, place, first, by_first, second, by_second): slopes by Delta and by two
     such velocities.
     """
-    move = make_twists(given)
+    move = make_twists(given, graded)
     z = move.solved
     two, add2, axes, origin = z.two, z.add2, z.axes, z.origin
     TIED = z.COLUMN["spring_point"]

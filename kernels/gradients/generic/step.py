@@ -23,15 +23,16 @@ from .solved import make_solved
 
 
 @cached
-def make_step_adjoint(given: type, residual: str) -> SimpleNamespace:
+def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespace:
     """solve(..., x, u): the step anew, 1 if it is solved. pull(...): from w.weight, of the state after it,
-    slopes by q and v (w.by_q, w.by_v) and by the parameters (added to w.grad), 1 if these hold.
-    control(..., i, u): that by a control.
+    slopes by q and v (w.by_q, w.by_v) and, if `graded`, by the parameters (added to w.grad), 1 if these hold:
+    `aim`, P and rho, then `slopes`; turning(...): slopes by v (w.by_v) of the bodies' part. control(...,
+    i, u): that by a control.
     """
-    step, z = make_step(given, residual), make_solved(given)
+    step, z = make_step(given, residual), make_solved(given, graded)
     contact = residual != "none"
-    rows = make_rows(given, residual) if contact else None
-    dual, motion = make_dual(given, residual), make_motion(given)
+    rows = make_rows(given, residual, graded) if contact else None
+    dual, motion = make_dual(given, residual), make_motion(given, graded)
     move = motion.twists
     number, add = z.number, z.add
     H = z.COLUMN["step_size"]
@@ -53,7 +54,7 @@ def make_step_adjoint(given: type, residual: str) -> SimpleNamespace:
         code = step.solve_step(t, k)
         return wp.where(code == wp.static(SOLVED), 1, 0)
 
-    @wp.func
+    @wp.func(inline=False)
     def rise(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
         """Twists from the roots; no slopes yet."""
         sets = int(wp.static(ROW))  # a number that is not unrolled
@@ -66,7 +67,7 @@ def make_step_adjoint(given: type, residual: str) -> SimpleNamespace:
             w.by_frame[i] = wp.vec3d()
             w.by_arm[i] = wp.vec2d()
 
-    @wp.func
+    @wp.func(inline=False)
     def fall(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
         """Slopes to the roots."""
         sets = int(wp.static(ROW))
@@ -77,23 +78,27 @@ def make_step_adjoint(given: type, residual: str) -> SimpleNamespace:
             move.settle(t, k, w, i)
 
     @wp.func
-    def pull(
-        t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View],
-        slot: int, external: wp.array2d(dtype=given), world: int,
-    ):  # fmt: skip
+    def aim(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
+        """w.target: what w.weight, of the state after the step, weighs v' by."""
         h = number(t, k, H, 0)
-        by_h = WORK(0.0)
         for i in range(t.blocks):
             w.target[i] = V3()
         for j in range(t.nv):
             b = t.dof_block[j]
             w.target[b][t.dof_part[j]] = w.weight[t.nv + j] + h * w.weight[j]
-            by_h += w.weight[j] * k.v[b][t.dof_part[j]]
+
+    @wp.func(inline=False)
+    def slopes(
+        t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View],
+        external: wp.array2d(dtype=given), world: int,
+    ):  # fmt: skip
+        """By q, v and the parameters at these P and rho."""
+        by_h = WORK(0.0)
+        for j in range(t.nv):
+            by_h += w.weight[j] * k.v[t.dof_block[j]][t.dof_part[j]]
             w.by_q[j] = w.weight[j]
             w.by_v[j] = ZERO
         add(t, w, H, 0, by_h)
-        if dual.weights(t, k, room, w, slot) == 0:
-            return int(0)
         z.rates(t, k, w)
         rise(t, k, w)
         for i in range(t.nb):
@@ -108,6 +113,36 @@ def make_step_adjoint(given: type, residual: str) -> SimpleNamespace:
         if wp.static(contact):
             rows.constraints(t, s, k, room, w)
         fall(t, k, w)
+
+    @wp.func
+    def turning(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
+        """At the rates that are there."""
+        for j in range(t.nv):
+            w.by_v[j] = ZERO
+        rise(t, k, w)
+        for i in range(t.nb):
+            motion.body(t, k, w, i, wp.vec3d())
+        fall(t, k, w)
+
+    @wp.func
+    def pull(
+        t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View],
+        slot: int, external: wp.array2d(dtype=given), world: int,
+    ):  # fmt: skip
+        aim(t, k, w)
+        if dual.weights(t, k, room, w, slot) == 0:
+            return int(0)
+        slopes(t, s, k, room, w, external, world)
         return int(1)
 
-    return SimpleNamespace(prepare=step.prepare, solve=solve, pull=pull, control=motion.control)
+    return SimpleNamespace(
+        prepare=step.prepare,
+        solve=solve,
+        aim=aim,
+        slopes=slopes,
+        pull=pull,
+        turning=turning,
+        control=motion.control,
+        dual=dual,
+        rates=z.rates,
+    )

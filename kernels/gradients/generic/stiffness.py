@@ -16,9 +16,9 @@ from .spans import make_spans
 
 
 @cached
-def make_stiffness(given: type) -> SimpleNamespace:
+def make_stiffness(given: type, graded: bool) -> SimpleNamespace:
     """motion(..) adds the first, row_joint(.., j, kappa) and row_spring(.., i, kappa) parts of the second."""
-    spans = make_spans(given)
+    spans = make_spans(given, graded)
     z = spans.solved
     number, add = z.number, z.add
     H, STIFFNESS, PULL, LENGTH = (

@@ -49,13 +49,13 @@ class Sum:
 
 
 @cached
-def make_touch(given: type, residual: str) -> SimpleNamespace:
+def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
     """touch(..., pair) -> Touch; slip(..., set) -> J_t y; include(..., set, by_normal, by_tangent,
     by_friction, Sum) adds rates to the y; settle(..., gap, Sum) adds the slopes by places, angles and radii,
     and returns that by friction.
     """
     contact = make_contact(given, residual)
-    move = make_twists(given)
+    move = make_twists(given, graded)
     z, of = move.solved, make_answer(wp.float64)
     Answer = of.Answer
     number, two, add, add2, origin = z.number, z.two, z.add, z.add2, z.origin
@@ -123,7 +123,7 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
             return centre
         return centre - origin(k, body)
 
-    @wp.func
+    @wp.func(inline=False)
     def include(
         t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], pair: int, g: Touch, set: int,
         by_normal: wp.float64, by_tangent: wp.float64, by_friction: wp.float64, before: Sum,

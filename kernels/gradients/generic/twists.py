@@ -56,13 +56,13 @@ def twist(turning: wp.float64, v: wp.vec2d):
 
 
 @cached
-def make_twists(given: type) -> SimpleNamespace:
+def make_twists(given: type, graded: bool) -> SimpleNamespace:
     """advance(t, k, w, set, i): twist of body i under the rates of `set`; accelerate: its
     acceleration under v. pull: slopes by them to those of its parent, frames, rates v and joint. settle: of
     its frame, after all that hangs on it. point and point_back: velocity of a point at rho from the origin,
     and its slope.
     """
-    z = make_solved(given)
+    z = make_solved(given, graded)
     origin, axes, two, add, add2 = z.origin, z.axes, z.two, z.add, z.add2
     ANCHOR, ANGLE, AXIS = (z.COLUMN[n] for n in ("anchor", "angle", "axis"))
     PRISMATIC, FREE = JOINT["prismatic"], JOINT["free"]
