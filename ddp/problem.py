@@ -104,13 +104,11 @@ class Problem:
 
     @property
     def quick_method(self) -> str:
-        """Of `Options.method`: "gauss-newton" where second derivatives are differences of first ones, at
-        1 + 4 (nx + nu) linearisations a step; else "second-order".
+        """Of `Options.method`: "gauss-newton" where second derivatives take several times as long as all else
+        in a pass (generic kernels, and where they are differences of first ones); else "second-order".
         """
-        differences = (
-            isinstance(self.dynamics, Simulator) and dynamics_of(self.dynamics).second_by_differences
-        )
-        return "gauss-newton" if differences else "second-order"
+        dear = isinstance(self.dynamics, Simulator) and dynamics_of(self.dynamics).second_is_dear
+        return "gauss-newton" if dear else "second-order"
 
     def simulated(self) -> Simulated | None:
         """Scene, options and parameters of a simulator with parameters of its own kind; else None."""

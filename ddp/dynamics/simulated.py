@@ -28,8 +28,10 @@ class SimulatorDynamics:
         self.dtype, self.device = sim.dtype, sim.device
 
     @property
-    def second_by_differences(self) -> bool:
-        """Whether second derivatives are differences of the first, at 1 + 4 (nx + nu) of them a step."""
+    def second_is_dear(self) -> bool:
+        """Whether second derivatives take several times as long as all else in a pass: where they are
+        differences of the first, 4 (nx + nu) times as long as these.
+        """
         return not in_closed_form(self.sim.options.method)
 
     def step_function(self) -> Any:
@@ -75,9 +77,36 @@ class SimulatorDynamics:
 
 
 class GenericDynamics(SimulatorDynamics):
-    """With generic kernels, whose step keeps a world in a workspace: they roll out themselves."""
+    """With generic kernels, whose step keeps a world in a workspace: they roll out themselves, and weigh
+    second derivatives.
+    """
 
-    second_by_differences = True
+    second_is_dear = True  # two to four times as long as all else in a pass
+
+    def __init__(self, sim: Simulator) -> None:
+        super().__init__(sim)
+        self.nw = 0
+
+    def lift_into(self, params: Any, lift: Any) -> None:
+        """See `Dynamics`: nothing is left to be weighed."""
+
+    def prepare_weighed(
+        self, xs: Any, us: Any, params: Any, weights: Any, fx: Any, fu: Any, second: Any, status: Any,
+        active: Any,
+    ) -> tuple[Callable[[], None], Callable[[], None]]:  # fmt: skip
+        """See `Dynamics`."""
+        kernels = self._kernels()
+        derivatives_exist(self.sim.options.method)
+        nowhere = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
+        none = [wp.zeros((0,) * n, dtype=self.dtype, device=self.device) for n in (3, 4, 4)]
+        inputs = params, xs, us, nowhere, active
+        first = kernels.prepare_curvature(*inputs, none[0], (fx, fu, none[1], status))
+        return first, kernels.prepare_curvature(*inputs, weights, (none[1], none[2], second, status))
+
+    def _kernels(self) -> GenericKernels:
+        kernels = self.sim.kernels.stepping
+        assert isinstance(kernels, GenericKernels)
+        return kernels
 
     def prepare_candidates(
         self, problems: int, items: int, offset: int, policy: Any, candidates: Any, params: Any,
@@ -86,9 +115,7 @@ class GenericDynamics(SimulatorDynamics):
         """A repeatable launch of rollouts offset, .., as of `kernels/control/generic_rollouts.py`."""
         nowhere = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
         arrays = [problems, x0, policy, candidates, params, nowhere, active]
-        kernels = self.sim.kernels.stepping
-        assert isinstance(kernels, GenericKernels)
-        return kernels.prepare_candidates(items, offset, mode, arrays)
+        return self._kernels().prepare_candidates(items, offset, mode, arrays)
 
 
 def dynamics_of(given: Any) -> Any:

@@ -75,7 +75,7 @@ class Arrays:
         d = make_derivative_arrays(self.dtype)()
         d.fx, d.fu = self.zeros(B, N, nx, nx), self.zeros(B, N, nx, nu)
         d.status = self.zeros(B, N, dtype=wp.int32)
-        d.second = self.zeros(B * N, nw, nz, nz) if second_order else self.zeros(1, 1, 1, 1)
+        d.second = self.zeros(B * N, max(nw, 1), nz, nz) if second_order else self.zeros(1, 1, 1, 1)
         d.lift = self.zeros(B, nw, nx)
         self.dynamics.lift_into(params, d.lift)
         d.lx, d.lu = self.zeros(B, N + 1, nx), self.zeros(B, N, nu)

@@ -16,6 +16,7 @@ from ..gradients.tape import derivatives_exist
 from ..inputs.arrays import ArrayError
 from ..inputs.checks import array, instance, names
 from ..parameters import ParameterError, Parameters
+from ..stepping.generic import GenericKernels
 from ..storage.printed import Arrays
 from .simulator import Simulator
 
@@ -183,11 +184,33 @@ def weighted_hessian(
     x = _array("x", x, ("B", sim.nx))
     u = _array("u", u, (len(x), sim.nu))
     weights = _array("weights", weights, x.shape)
+    kernels = sim.kernels.stepping
+    if isinstance(kernels, GenericKernels):
+        derivatives_exist(sim.options.method)
+        return _weighed(sim, kernels, x, u, weights, params)
     lin = sim.linearize(x, u, params, second=True)
     step_size = np.broadcast_to((sim.params if params is None else params)["step_size"], (len(x),))
     lift = derivatives.lift(sim.spec, step_size)
     each = np.einsum("bwi,bi->bw", lift, weights)
     return np.einsum("bw,bwjk->bjk", each, lin.second), lin.status
+
+
+def _weighed(
+    sim: Simulator, kernels: GenericKernels, x: np.ndarray, u: np.ndarray, weights: np.ndarray, params: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of kernels that weigh second derivatives as they make them."""
+    worlds, width = len(x), sim.nx + sim.nu
+
+    def put(*parts: np.ndarray) -> wp.array:
+        return wp.array(np.stack(parts, 1), dtype=sim.dtype, device=sim.device)
+
+    second, status = sim.empty(worlds, 1, width, width), wp.zeros((worlds, 1), wp.int32, device=sim.device)
+    outputs = (sim.empty(0, 0, 0, 0), sim.empty(0, 0, 0, 0), second, status)
+    everything = wp.zeros(0, dtype=wp.int32, device=sim.device)
+    xs, us, after = put(x), put(u), put(np.zeros_like(weights), weights)
+    table, external = sim.parameter_array(params, worlds), sim.empty(0, 0)
+    kernels.prepare_curvature(table, xs, us, external, everything, after, outputs)()
+    return second.numpy()[:, 0], status.numpy()[:, 0]
 
 
 def _array(name: str, value: Any, shape: tuple[int | str, ...]) -> np.ndarray:

@@ -14,8 +14,9 @@ from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.generic.derivatives import linearize, tables
 from slcp_warp.kernels.generic.topology import make_topology
 from slcp_warp.kernels.generic.work import allocate_work, bytes_per_world
-from slcp_warp.kernels.gradients.generic import room
+from slcp_warp.kernels.gradients.generic import hessian, room
 from slcp_warp.kernels.gradients.generic.adjoint import make_generic_adjoint_kernel
+from slcp_warp.kernels.gradients.generic.curvature import make_curvature_kernel
 from slcp_warp.kernels.policies.tracking import make_tracking
 from slcp_warp.kernels.specialisation import Specialisation
 
@@ -86,9 +87,9 @@ class GenericKernels:
         self.chunk = self.workspaces.most  # worlds of a launch
         size = tables.bytes_per_world(s)
         self.slopes = Workspaces(lambda n: tables.allocate_slopes(s, n, device), size, device)
-        size = linearize.bytes_of_stencil(s)
+        size = hessian.bytes_per_world(s)
+        self.curves = Workspaces(lambda n: hessian.allocate_curves(s, n, device), size, device)
         self.rooms = Workspaces(lambda n: room.allocate_room(s, n, device), room.bytes_per_world(s), device)
-        self.stencils = Workspaces(lambda n: linearize.allocate_stencil(s, n, device), size, device)
 
     def launch(self, kernel: wp.Kernel, worlds: int, flags: list[int], arrays: list[Any], grain: int) -> None:
         """A kernel over worlds, chunk by chunk: its arguments are the chunk's first world, `flags`, the
@@ -172,34 +173,62 @@ class GenericKernels:
         second: bool,
     ) -> Callable[[], None]:
         """As `gradients.launches.prepare`."""
-        steps = us.shape[1]
-        length = min(steps, RUN) if wp.get_device(self.device).is_cpu else 1
-        items = us.shape[0] * -(-steps // length)
-        given = [params, steps, xs, us, external, active, *outputs]
-        chunk = max(min(self.chunk, self.slopes.most, self.stencils.most if second else items), 1)
-        slots = min(items, chunk)
+        if second:
+            none: wp.array = wp.zeros((0, 0, 0), dtype=self.dtype, device=self.device)
+            return self.prepare_curvature(params, xs, us, external, active, none, outputs)
+        fx, fu, _, status = outputs
+        items, length = self._runs(us)
+        given = [params, us.shape[1], xs, us, external, active, fx, fu, status]
+        slots = max(min(self.chunk, self.slopes.most, items), 1)
         kernel = linearize.make_linearize_kernel(self.dtype, self.residual)
 
         def run() -> None:
-            lend = (
-                self.workspaces.lend(slots),
-                self.slopes.lend(slots),
-                self.stencils.lend(slots if second else 0),
-            )
-            with lend[0] as work, lend[1] as slopes, lend[2] as stencil:
-                for base in range(0, items, chunk):
-                    inputs = [
-                        base,
-                        int(second),
-                        length,
-                        self.topology,
-                        work,
-                        self.groups,
-                        slopes,
-                        stencil,
-                        *given,
-                    ]
-                    launch(kernel, min(chunk, items - base), inputs, self.device, grain=1)
+            with self.workspaces.lend(slots) as work, self.slopes.lend(slots) as slopes:
+                for base in range(0, items, slots):
+                    inputs = [base, length, self.topology, work, self.groups, slopes, *given]
+                    launch(kernel, min(slots, items - base), inputs, self.device, grain=1)
+
+        return run
+
+    def _runs(self, us: wp.array) -> tuple[int, int]:
+        """Threads that differentiate along trajectories, and the steps of each."""
+        steps = us.shape[1]
+        length = min(steps, RUN) if wp.get_device(self.device).is_cpu else 1
+        return us.shape[0] * -(-steps // length), length
+
+    def prepare_curvature(
+        self,
+        params: wp.array,
+        xs: wp.array,
+        us: wp.array,
+        external: wp.array,
+        active: wp.array,
+        weights: wp.array,
+        outputs: tuple[wp.array, wp.array, wp.array, wp.array],
+    ) -> Callable[[], None]:
+        """As `gradients.launches.prepare`, by `kernels/gradients/generic/curvature.py`.
+
+        Args:
+            weights: (B, N+1, nx): second derivatives (B N, 1, nz, nz) of the next state weighed by these
+                alone, no others; or (0, 0, 0).
+        """
+        items, length = self._runs(us)
+        given = [params, us.shape[1], xs, us, external, active, weights, *outputs]
+        most = (self.chunk, self.slopes.most, self.rooms.most, self.curves.most)
+        slots = max(min(*most, items), 1)
+        kernel = make_curvature_kernel(self.dtype, self.residual)
+
+        def run() -> None:
+            with (
+                self.workspaces.lend(slots) as work,
+                self.slopes.lend(slots) as slopes,
+                self.rooms.lend(slots) as of_adjoint,
+                self.curves.lend(slots) as curves,
+            ):
+                whole = room.with_factor(of_adjoint, slopes)
+                for base in range(0, items, slots):
+                    inputs = [base, length, self.topology, work, self.groups, whole, curves, *given]
+                    launch(kernel, min(slots, items - base), inputs, self.device, grain=1)
 
         return run
 

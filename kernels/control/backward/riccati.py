@@ -38,6 +38,8 @@ from .riccati_parts import make_pass_parts
 def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
     """Kernel ``(first, Derivatives, Policy, SolverState, gradient_tolerance, last)`` over problems.
 
+    Of nw = 0 curved outputs second derivatives are one, weighed already (`weights.py`).
+
     Writes K, k, Vx, Vxx and, in the state, the expected change, largest |Q_u|, smallest pivot, mu and status.
     With ``last`` = 1 a problem still running ends at its iteration limit. Problems with ``active`` = 0 are
     skipped.
@@ -49,7 +51,8 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
     parts = make_pass_parts(nx, nu, method, has_limits, dtype)
     cholesky, direction, steepest = parts.cholesky, parts.direction, parts.steepest
     final_value, linearised, end = parts.final_value, parts.linearised, parts.end
-    ZERO, HALF = dtype(0.0), dtype(0.5)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
+    outputs = max(nw, 1)
     curved = method == "second-order"
     quadratic = method != "first-order"
 
@@ -77,10 +80,12 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             quu = quu + wp.transpose(fu) * (vxx * fu)
         if wp.static(curved):
             cell = b * d.fx.shape[1] + k
-            for i in range(nw):
-                y = ZERO
-                for j in range(nx):
-                    y += d.lift[b, i, j] * vx[j]
+            for i in range(outputs):
+                y = ONE
+                if wp.static(nw > 0):
+                    y = ZERO
+                    for j in range(nx):
+                        y += d.lift[b, i, j] * vx[j]
                 for r in range(nx):
                     for c in range(r + 1):
                         value = y * d.second[cell, i, r, c]

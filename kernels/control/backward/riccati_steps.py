@@ -99,6 +99,8 @@ def make_shared_steps(nx, nu, nw, method, dtype, lanes):
             cell = b * d.fx.shape[1] + k
             high = wp.max(r, c)  # of z, by which second derivatives are symmetric
             low = wp.min(r, c)
+            if wp.static(nw == 0):  # weighed already
+                sum += d.second[cell, 0, high, low]
             for i in range(nw):
                 sum += room[b, wp.static(at.y) + i] * d.second[cell, i, high, low]
         return sum

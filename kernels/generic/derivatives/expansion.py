@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..mechanism import make_mechanism
 from ..step import make_step
 from ..topology import Topology
 from ..work import GROUPS, WORK, Slot
@@ -24,20 +23,17 @@ from .tables import Groups, Slopes
 
 @cached
 def make_expansion(given: type, residual: str) -> SimpleNamespace:
-    """start(t, k, params, world): numbers, no roots and no normals. solve(t, k, d, b, u, moved, far,
-    external, world) -> status: a step from the state (k.q, k.v0) under controls u, that of index `moved` (-1:
-    none) greater by `far`. prepare(t, k, g, d, b, external, world) -> (acting rows, pairs): the parts of its
-    derivatives and the factor; columns(t, k, g, d, b, n, pairs, first): d.found = dv' by LANES of (q, v, u),
-    1 if it holds.
+    """start(t, k, params, world): numbers, no roots and no normals. solve(t, k, d, b, u, external, world) ->
+    status: a step from the state (k.q, k.v0) under controls u. prepare(t, k, g, d, b, external, world) ->
+    (acting rows, pairs): the parts of its derivatives and the factor; columns(t, k, g, d, b, n, pairs,
+    first): d.found = dv' by LANES of (q, v, u), 1 if it holds.
     """
     dtype = WORK
     step = make_step(given, residual)
-    number = make_mechanism(given).number
     bodies, springs = make_bodies(given), make_spring_slopes(given)
     contacts = residual != "none"
     rows = make_row_slopes(given, residual) if contacts else None
     columns, system = make_columns(given, residual), make_system(given, residual)
-    ZERO = dtype(0.0)
 
     @wp.func
     def solve(
@@ -46,8 +42,6 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
         d: Slopes,
         b: int,
         u: wp.array(dtype=given),
-        moved: int,
-        far: dtype,
         external: wp.array2d(dtype=given),
         world: int,
     ):
@@ -55,7 +49,7 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
             d.change[b, j] = k.v0[j]
         step.begin(t, k, external, world)
         for i in range(t.nu):
-            step.control_force(t, k, i, dtype(u[i]) + wp.where(i == moved, far, ZERO))
+            step.control_force(t, k, i, dtype(u[i]))
         return step.solve_step(t, k)
 
     @wp.func
@@ -104,6 +98,4 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
         solve=solve,
         prepare=prepare,
         columns=columns_of,
-        number=number,
-        inverse=system.inverse,
     )

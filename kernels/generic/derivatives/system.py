@@ -40,7 +40,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     """factor(t, k, d, b, n) of the n acting rows, firmer(t, k, d, b): the same with rows that yield more,
     1 if they may, and solve(t, k, d, b, n): d.found = dv' from -F1 in d.known and -F2 in d.given, which is
     overwritten, 1 if that holds. response(t, k, s): k.move = M^-1 J_s' in the units that row s
-    moves. add(t, k, s, x, c): x += J_s' c. inverse(t, k, dof): (M^-1)_jj.
+    moves. add(t, k, s, x, c): x += J_s' c.
     """
     dtype = WORK
     env, many, slips, asks = make_envelope(), make_many(), make_slips(), make_asked()
@@ -321,15 +321,4 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 end = t.unit_start[u + 1]
                 env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, end)
 
-    @wp.func
-    def inverse(t: wp.ref[Topology], k: wp.ref[Slot], dof: int):
-        for i in range(t.blocks):
-            k.move[i] = V3()
-        b = t.dof_block[dof]
-        k.move[b][t.dof_part[dof]] = ONE
-        env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, 0, t.blocks)
-        return k.move[b][t.dof_part[dof]]
-
-    return SimpleNamespace(
-        factor=factor, firmer=firmer, solve=solve, response=response, add=add, inverse=inverse
-    )
+    return SimpleNamespace(factor=factor, firmer=firmer, solve=solve, response=response, add=add)

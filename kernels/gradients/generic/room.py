@@ -90,6 +90,14 @@ def bytes_per_world(s: Structure) -> int:
     return sum(length * wp.types.type_size_in_bytes(kind) for length, kind in kinds)
 
 
+def with_factor(given: Room, factor: Slopes) -> Room:
+    """The same room with workspaces of the first-order expansion, of which it has only some itself."""
+    out = Room()
+    for name in Room.cls.__annotations__:
+        setattr(out, name, factor if name == "factor" else getattr(given, name))
+    return out
+
+
 @wp.struct
 class View:
     """One world's part of a `Room`."""

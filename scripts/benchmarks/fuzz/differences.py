@@ -1,4 +1,5 @@
-"""A, B and gradients by parameters against central differences of the package's own step in float64.
+"""A, B, second derivatives and gradients by parameters against central differences of the package's own step
+(second ones: of its A and B) in float64.
 
 Differences know no closed form, so they judge the derivatives; the step that they difference is judged by the
 oracle. Of several step lengths the one whose neighbours agree best counts, world by world and column by
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp import weighted_hessian
 from slcp_warp.description.acting import BUILT, acting
 from slcp_warp.description.kinematics import Array
 
@@ -19,6 +21,7 @@ RATIO = 10.0  # of a step to the next
 AGREE = 1e-5  # of the largest entry: neighbours that agree to this are trusted
 WRONG_BY = 30.0  # times what the differences themselves are uncertain by, at least LIMIT
 LIMIT = 1e-5
+CURVED = 1e-4  # of second derivatives: what they are compared with has the roundings of A and B over a step
 KINK = 3e-6  # of the largest entry: slopes to both sides that are further apart
 STAYS = 0.3  # and by this share of what they were in the step ten times as long
 
@@ -64,6 +67,34 @@ def jacobian_errors(sim: Any, x: Array, u: Array, params: Any) -> tuple[Array, A
         sides.append(np.stack(tried))
     error, trusted = compare(exact.reshape(len(x), -1), *sides)
     return error, trusted & good
+
+
+def curvature_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tuple[Array, Array]:
+    """Errors of the second derivatives of a random weight of x' by (x, u), against differences of that
+    weight's slopes, relative to the largest entry of both; and which of them can be trusted (B,).
+    """
+    weight = np.random.default_rng(seed).standard_normal(x.shape)
+    exact, status = weighted_hessian(sim, x, u, weight, params)
+    z = np.concatenate([x, u], 1)
+
+    def slopes(moved: Array) -> Array:
+        lin = sim.linearize(moved[:, : sim.nx], moved[:, sim.nx :] if sim.nu else None, params)
+        out = np.einsum("bi,bij->bj", weight, np.concatenate([lin.A, lin.B], 2))
+        return np.where((np.asarray(lin.status) == 0)[:, None], out, np.nan)
+
+    here, sides = slopes(z), []
+    least = np.abs(here).max(1)[
+        :, None
+    ]  # what hardly bends is not asked for more digits than its slopes have
+    for side in (1.0, -1.0):
+        tried = []
+        for e in STEPS:
+            columns = [(slopes(z + side * e * unit) - here) / (side * e) for unit in np.eye(z.shape[1])]
+            tried.append(np.concatenate([np.stack(columns, 2).reshape(len(x), -1), least], 1))
+        sides.append(np.stack(tried))
+    found = np.concatenate([exact.reshape(len(x), -1), least], 1)
+    error, trusted = compare(found, *sides)
+    return error, trusted & (status == 0)
 
 
 def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tuple[Array, Array]:

@@ -8,7 +8,8 @@
 - towers: stacks of 46 to 70 boxes, which are large islands, followed for fewer steps;
 - relay: rollouts by the specialised kernels without last resorts and those that make what they leave;
 - sweeps: `slcp.sweep` under a linear law and kicks, against a loop over steps;
-- derivatives: one step by the common kernels, of which A, B and gradients are compared with differences;
+- derivatives: one step by the common kernels, of which A, B, second derivatives and gradients are compared
+  with differences;
 - ends: gaps at the end of the step, and the trapezoidal rule under Coulomb's friction;
 - locked: one step of mechanisms whose joints' limits meet;
 - blocks: mechanisms with rectangles, followed for up to 20 steps;
@@ -98,7 +99,7 @@ class Part:
     steps: tuple[int, int] = (1, 1)
     strategies: tuple[str, ...] = ("generic", "specialised")
     wanted: Callable[[Options], bool] = _any
-    differentiated: bool = False  # whether A, B and gradients by common kernels are what it looks at
+    differentiated: bool = False  # whether derivatives by common kernels are what it looks at
 
 
 PARTS = {

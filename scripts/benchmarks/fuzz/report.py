@@ -15,7 +15,9 @@ Row = dict[str, Any]
 DEFAULTS = {"scaling": "inertia", "friction": "anitescu", "integrator": "euler", "noise": "row",
             "deviation": "scale", "gap": "start"}  # fmt: skip
 UNSOLVED = tuple(f"unsolved {reason}" for reason in REASONS)
-COMPARED = tuple(f"compared {what}" for what in ("single", "threads", "derivatives", "gradients", "sweep"))
+COMPARED = tuple(
+    f"compared {what}" for what in ("single", "threads", "derivatives", "curvatures", "gradients", "sweep")
+)
 
 
 def rows_of(tally: Tally) -> list[Row]:

@@ -13,7 +13,7 @@ from slcp_warp.kernels.device import launch
 from slcp_warp.options import Options, Status
 
 from . import swept
-from .differences import LIMIT, gradient_errors, jacobian_errors
+from .differences import CURVED, LIMIT, curvature_errors, gradient_errors, jacobian_errors
 from .draws import CLASSES, Worlds
 from .judged import judged, numbers_for, parameters, predicted, simulator, step
 from .problem import Truth
@@ -155,7 +155,7 @@ def _compared(tally: Tally, task: Task, chunk: int, worlds: Worlds, sim: Any, wh
 
 
 def _derivatives(tally: Tally, task: Task, worlds: Worlds, sim: Any, verdicts: Verdicts) -> None:
-    """A, B and gradients by all parameters at a few solved worlds, against differences of the step."""
+    """A, B, second derivatives and gradients by parameters at a few solved worlds, against differences."""
     solved = np.flatnonzero((verdicts.verdict == HOLDS) & (verdicts.out.status == Status.SOLVED))
     places = solved[:: max(1, len(solved) // COMPARED)][:COMPARED]
     if not len(places) or not task.differentiates:
@@ -166,11 +166,13 @@ def _derivatives(tally: Tally, task: Task, worlds: Worlds, sim: Any, verdicts: V
     with np.errstate(all="ignore"):
         found = {
             "derivatives": jacobian_errors(sim, part.x, part.u, params),
+            "curvatures": curvature_errors(sim, part.x, part.u, params, task.seed),
             "gradients": gradient_errors(sim, part.x, part.u, params, task.seed),
         }
     for what, (error, trusted) in found.items():
+        limit = CURVED if what == "curvatures" else LIMIT
         tally.counts[(*key, f"compared {what}")] += int(trusted.sum())
-        for i in np.flatnonzero(trusted & ~(error <= LIMIT)).tolist()[:SHOWN]:
+        for i in np.flatnonzero(trusted & ~(error <= limit)).tolist()[:SHOWN]:
             tally.failures.append(
                 Failure(task, int(places[i]), sim.options, sim.dtype.__name__, CLASSES[part.kind[i]], WRONG,
                         f"differs: {what}", float(error[i]))

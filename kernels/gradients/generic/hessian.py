@@ -1,0 +1,317 @@
+"""Second derivatives of a weighted sum of the state after a step, by the state and controls before it.
+
+With L = P.F1 + rho.F2 at the weights' P and rho (M27) and y = (v', z), d2(weights.x')/ds2 of s = (q, v, u)
+is [1; Y]' L'' [1; Y], Y = dy/ds (M55): what solved equations say of a function of their solution. L is linear
+in v', u and impulses, quadratic in v: of L'' the part by q takes differences (of the slopes by q, v and y at
+fixed y, without another solution), the part by v exact ones, and by z it is diagonal.
+"""
+
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from ...factories import cached
+from ...generic.contact import make_contact
+from ...generic.derivatives.rows import make_row_slopes
+from ...generic.derivatives.tables import Groups, Slopes
+from ...generic.linear.envelope import make_envelope
+from ...generic.step import make_step
+from ...generic.topology import CONTACT, Topology, place
+from ...generic.work import LANES, ROWS, WORK, Slot
+from ...residual.smoothing import make_smoothing
+from ...structure import Structure
+from .room import OLD, Room, View
+from .step import make_step_adjoint
+
+FAR = 2.0**-20  # of a coordinate, by the root of its size where that is above 1
+
+
+@wp.struct
+class Curves:
+    """Workspaces, (slots, items), n_s = 2 nv + nu."""
+
+    move: wp.array3d(dtype=WORK)  # (nv, n_s) dv'/ds
+    root: wp.array3d(dtype=WORK)  # (nr, n_s) dz/ds by row; of hard rows D dlambda/ds
+    strength: wp.array2d(dtype=WORK)  # (nr) s(z) = D lambda
+    by_state: wp.array2d(dtype=WORK)  # (2 nv) differences of slopes of L
+    by_move: wp.array2d(dtype=WORK)  # (nv)
+    by_root: wp.array2d(dtype=WORK)  # (nr)
+    cross: wp.array2d(dtype=WORK)  # (n_s)
+    found: wp.array3d(dtype=WORK)  # (n_s, n_s)
+
+
+def lengths(s: Structure) -> dict[str, tuple[int, ...]]:
+    """Items of every array of a structure."""
+    width = 2 * s.nv + s.nu
+    rows = {"root": (s.nr, width), "strength": (s.nr,), "by_root": (s.nr,)}
+    return rows | {
+        "move": (s.nv, width),
+        "by_state": (2 * s.nv,),
+        "by_move": (s.nv,),
+        "found": (width, width),
+        "cross": (width,),
+    }
+
+
+def allocate_curves(s: Structure, slots: int, device: Any) -> Curves:
+    """Workspaces of `slots` worlds."""
+    out = Curves()
+    for name, shape in lengths(s).items():
+        setattr(out, name, wp.zeros((slots, *shape), dtype=WORK, device=device))
+    return out
+
+
+def bytes_per_world(s: Structure) -> int:
+    """Memory of one slot."""
+    count = 0
+    for shape in lengths(s).values():
+        size = 1
+        for n in shape:
+            size *= n
+        count += size
+    return 8 * count
+
+
+@cached
+def make_hessian(given: type, residual: str) -> SimpleNamespace:
+    """keep(t, k, g, d, e, b, n, first): LANES columns of the first-order expansion, from `first` on.
+    hessian(t, k, g, room, w, e, b, n, external, world): e.found by w.weight of the state after the step whose
+    n acting rows have their factor in room.factor, 1 if it holds; the step's q and v are in w.
+    """
+    contacts, hard = residual != "none", residual == "hard"
+    step, adjoint = make_step(given, residual), make_step_adjoint(given, residual, False)
+    contact = make_contact(given, residual) if contacts else None
+    rows_of = make_row_slopes(given, residual) if contacts else None
+    bend = None if hard or not contacts else make_smoothing(WORK, residual).bend
+    dual, env = adjoint.dual, make_envelope()
+    ZERO, ONE, HALF = WORK(0.0), WORK(1.0), WORK(0.5)
+
+    @wp.func
+    def lose_scale(t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, e: Curves, b: int, n: int):
+        """Of hard rows lambda is what it is, whatever D: off dz what D's change makes of it."""
+        for n_th in range(n):
+            s = d.row[b, n_th]
+            begin = n_th * g.width
+            for side in range(2):
+                group = rows_of.first_group(t, g, k.row[s])
+                if side == 1:
+                    group = rows_of.second_group(t, g, k.row[s])
+                if group >= 0:
+                    for at in range(g.group_start[group], g.group_start[group + 1]):
+                        j = g.group_dof[at]
+                        e.root[b, s, j] = e.root[b, s, j] - k.lam[s] * d.scale_by_q[b, begin]
+                        begin += 1
+
+    @wp.func
+    def keep(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, e: Curves, b: int, n: int, first: int
+    ):
+        width = 2 * t.nv + t.nu
+        for lane in range(LANES):
+            if first + lane < width:
+                for j in range(t.nv):
+                    value = d.found[b, place(t, j)]
+                    e.move[b, j, first + lane] = value[lane]
+                for n_th in range(n):
+                    value = d.root[b, n_th]
+                    e.root[b, d.row[b, n_th], first + lane] = value[lane]
+        if first + LANES >= width:
+            if wp.static(hard):
+                if t.inertia_scaling == 1:
+                    lose_scale(t, k, g, d, e, b, n)
+
+    @wp.func
+    def follow(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], b: int, n: int, group: int
+    ):
+        """Of the acting rows those that a group moves act, -1: all; the others' numbers are negative."""
+        for n_th in range(n):
+            r = room.factor.row[b, n_th]
+            number = wp.abs(k.acting[r])
+            moved = group < 0
+            if not moved:
+                moved = rows_of.first_group(t, g, k.row[r]) == group
+            if not moved:
+                moved = rows_of.second_group(t, g, k.row[r]) == group
+            k.acting[r] = wp.where(moved, number, -number)
+
+    @wp.func
+    def refill(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """d/h and J of the rows that follow."""
+        r = int(0)
+        while r < k.count[wp.static(ROWS)]:
+            start = r + 0
+            i = k.row[r]
+            r += 1
+            if t.row_kind[i] == wp.static(CONTACT):
+                pair = t.row_index[i]
+                r = start + t.pair_row[pair + 1] - t.pair_row[pair]
+            acts = int(0)
+            for one in range(start, r):
+                acts = wp.max(acts, k.acting[one])
+            if acts > 0:
+                contact.fill(t, k, start, r, ONE)
+
+    @wp.func
+    def rescale(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], e: Curves, b: int, n: int):
+        """D and lambda of smoothed rows at this configuration and fixed z."""
+        for i in range(k.mass.shape[0]):
+            k.mass_factor[i] = k.mass[i]
+        env.factor(k.mass_factor, t.mass_first, t.mass_at, 0, t.blocks)
+        for n_th in range(n):
+            r = room.factor.row[b, n_th]
+            if k.acting[r] > 0:
+                dual.response(t, k, r)
+                k.scale[r] = dual.along(t, k, k.move, r)
+                k.lam[r] = e.strength[b, r] / k.scale[r]
+
+    @wp.func(inline=False)
+    def configure(
+        t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], e: Curves, b: int, n: int,
+        external: wp.array2d(dtype=given), world: int,
+    ):  # fmt: skip
+        """All that hangs on the configuration w.q: bodies, M, forces and the rows, whose pairs stay."""
+        for j in range(t.nv):
+            k.q[j] = w.q[j]
+            k.v0[j] = w.rates[wp.static(OLD) * t.nv + j]
+        step.begin(t, k, external, world)
+        if wp.static(contacts):
+            contact.move_shapes(t, k)
+            refill(t, k)
+            if wp.static(not hard):
+                if t.inertia_scaling == 1:
+                    rescale(t, k, room, e, b, n)
+
+    @wp.func
+    def gather(
+        t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], e: Curves, b: int, n: int,
+        sign: WORK,
+    ):  # fmt: skip
+        """Slopes of L by q, v, v' and z, with a sign, to those that are there."""
+        for j in range(t.nv):
+            e.by_state[b, j] = e.by_state[b, j] + sign * w.by_q[j]
+            e.by_state[b, t.nv + j] = e.by_state[b, t.nv + j] + sign * w.by_v[j]
+        dual.momenta(t, k, w)
+        for n_th in range(n):
+            r = room.factor.row[b, n_th]
+            if k.acting[r] > 0:
+                dual.push(t, k, w, k.balance, r, w.rho[r])
+                pushed = k.p[r] / k.scale[r] * dual.along(t, k, w.p, r)
+                e.by_root[b, r] = e.by_root[b, r] + sign * pushed
+        for j in range(t.nv):
+            e.by_move[b, j] = e.by_move[b, j] - sign * k.balance[t.dof_block[j]][t.dof_part[j]]
+
+    @wp.func
+    def cross(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], e: Curves, b: int, n: int, c: int):
+        """What v' and z, which follow all of s, make of the differences by coordinate c."""
+        width = 2 * t.nv + t.nu
+        for i in range(width):
+            e.cross[b, i] = ZERO
+        for j in range(t.nv):
+            by = e.by_move[b, j]
+            if by != ZERO:
+                for i in range(width):
+                    e.cross[b, i] = e.cross[b, i] + by * e.move[b, j, i]
+        for n_th in range(n):
+            r = room.factor.row[b, n_th]
+            by = e.by_root[b, r]
+            if by != ZERO:
+                for i in range(width):
+                    e.cross[b, i] = e.cross[b, i] + by * e.root[b, r, i]
+        for i in range(width):
+            e.found[b, i, c] = e.found[b, i, c] + e.cross[b, i]
+            e.found[b, c, i] = e.found[b, c, i] + e.cross[b, i]
+
+    @wp.func(inline=False)
+    def of_configuration(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], w: wp.ref[View], e: Curves,
+        b: int, n: int, c: int, external: wp.array2d(dtype=given), world: int,
+    ):  # fmt: skip
+        """What moves with coordinate c."""
+        for j in range(2 * t.nv):
+            e.by_state[b, j] = ZERO
+        for j in range(t.nv):
+            e.by_move[b, j] = ZERO
+        for n_th in range(n):
+            e.by_root[b, room.factor.row[b, n_th]] = ZERO
+        if wp.static(contacts):
+            follow(t, k, g, room, b, n, g.dof_group[c])
+        q = w.q[c] + ZERO
+        far = WORK(FAR) * wp.sqrt(wp.max(ONE, wp.abs(q)))
+        low = q - far
+        high = q + far
+        sides = int(2)  # a loop that is not unrolled
+        for side in range(sides):
+            w.q[c] = wp.where(side == 0, high, low)
+            configure(t, k, room, w, e, b, n, external, world)
+            adjoint.slopes(t, g, k, room, w, external, world)
+            gather(t, k, room, w, e, b, n, wp.where(side == 0, ONE, -ONE) / (high - low))
+        w.q[c] = q
+        for j in range(t.nv):
+            half = HALF * e.by_state[b, j]
+            e.found[b, j, c] = e.found[b, j, c] + half
+            e.found[b, c, j] = e.found[b, c, j] + half
+            other = e.by_state[b, t.nv + j]
+            e.found[b, t.nv + j, c] = e.found[b, t.nv + j, c] + other
+            e.found[b, c, t.nv + j] = e.found[b, c, t.nv + j] + other
+        cross(t, k, room, e, b, n, c)
+
+    @wp.func
+    def of_velocities(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], e: Curves, b: int):
+        """The bodies' part is quadratic in v: its slopes' differences are exact, whatever their size."""
+        for j in range(t.nv):
+            e.by_move[b, j] = ZERO
+        for c in range(t.nv + 1):  # at v itself, then with one of it greater by 1
+            at = wp.static(OLD) * t.nv + wp.max(c - 1, 0)
+            v = w.rates[at] + ZERO
+            w.rates[at] = v + wp.where(c > 0, ONE, ZERO)
+            adjoint.turning(t, k, w)
+            w.rates[at] = v
+            for j in range(t.nv):
+                if c > 0:
+                    change = w.by_v[j] - e.by_move[b, j]
+                    e.found[b, t.nv + j, t.nv + c - 1] = e.found[b, t.nv + j, t.nv + c - 1] + change
+                else:
+                    e.by_move[b, j] = w.by_v[j]
+
+    @wp.func
+    def of_rows(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], e: Curves, b: int,
+                n: int):  # fmt: skip
+        """What bends with z itself: s'' (J P/D + rho), with the signs of L."""
+        width = 2 * t.nv + t.nu
+        for n_th in range(n):
+            r = room.factor.row[b, n_th]
+            e.strength[b, r] = k.lam[r] * k.scale[r]
+            if wp.static(not hard):
+                curve = dual.along(t, k, w.p, r) / k.scale[r] - w.rho[r]
+                curve = curve * bend(k.z[r], ONE / k.sigma[r])
+                for i in range(width):
+                    own = curve * e.root[b, r, i]
+                    for j in range(width):
+                        e.found[b, i, j] = e.found[b, i, j] + own * e.root[b, r, j]
+
+    @wp.func
+    def hessian(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], w: wp.ref[View], e: Curves,
+        b: int, n: int, external: wp.array2d(dtype=given), world: int,
+    ):  # fmt: skip
+        width = 2 * t.nv + t.nu
+        for i in range(width):
+            for j in range(width):
+                e.found[b, i, j] = ZERO
+        adjoint.aim(t, k, w)
+        if dual.solved(t, k, room, w, b, n) == 0:
+            return int(0)
+        if wp.static(contacts):
+            of_rows(t, k, room, w, e, b, n)
+        for c in range(t.nv):
+            of_configuration(t, k, g, room, w, e, b, n, c, external, world)
+        if wp.static(contacts):
+            follow(t, k, g, room, b, n, -1)
+        configure(t, k, room, w, e, b, n, external, world)
+        adjoint.rates(t, k, w)
+        of_velocities(t, k, w, e, b)
+        return int(1)
+
+    return SimpleNamespace(keep=keep, hessian=hessian)
