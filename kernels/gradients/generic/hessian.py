@@ -16,15 +16,16 @@ from ...generic.contact import make_contact
 from ...generic.derivatives.rows import make_row_slopes
 from ...generic.derivatives.tables import Groups, Slopes
 from ...generic.linear.envelope import make_envelope
+from ...generic.mechanism import COLUMN, make_mechanism
 from ...generic.step import make_step
-from ...generic.topology import CONTACT, Topology, place
+from ...generic.topology import CONTACT, TURN, Topology, place
 from ...generic.work import LANES, ROWS, WORK, Slot
 from ...residual.smoothing import make_smoothing
-from ...structure import Structure
+from ...structure import WORLD, Structure
 from .room import OLD, Room, View
 from .step import make_step_adjoint
 
-FAR = 2.0**-20  # of a coordinate, by the root of its size where that is above 1
+FAR = 2.0**-21  # of a radian or of a length of the scene, times the root of how many of these q is
 
 
 @wp.struct
@@ -85,6 +86,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     rows_of = make_row_slopes(given, residual) if contacts else None
     bend = None if hard or not contacts else make_smoothing(WORK, residual).bend
     dual, env = adjoint.dual, make_envelope()
+    number = make_mechanism(given).number
+    RADIUS, OFFSET, LENGTH = (COLUMN[name] for name in ("radius", "shape_offset", "spring_length"))
     ZERO, ONE, HALF = WORK(0.0), WORK(1.0), WORK(0.5)
 
     @wp.func
@@ -226,9 +229,9 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     @wp.func(inline=False)
     def of_configuration(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], w: wp.ref[View], e: Curves,
-        b: int, n: int, c: int, external: wp.array2d(dtype=given), world: int,
+        b: int, n: int, c: int, length: WORK, external: wp.array2d(dtype=given), world: int,
     ):  # fmt: skip
-        """What moves with coordinate c."""
+        """What moves with coordinate c, in a scene of such a length."""
         for j in range(2 * t.nv):
             e.by_state[b, j] = ZERO
         for j in range(t.nv):
@@ -238,7 +241,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
         if wp.static(contacts):
             follow(t, k, g, room, b, n, g.dof_group[c])
         q = w.q[c] + ZERO
-        far = WORK(FAR) * wp.sqrt(wp.max(ONE, wp.abs(q)))
+        unit = wp.where(t.dof_kind[c] == wp.static(TURN), ONE, length)
+        far = WORK(FAR) * unit * wp.sqrt(wp.max(ONE, wp.abs(q) / unit))
         low = q - far
         high = q + far
         sides = int(2)  # a loop that is not unrolled
@@ -270,10 +274,29 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             w.rates[at] = v
             for j in range(t.nv):
                 if c > 0:
-                    change = w.by_v[j] - e.by_move[b, j]
-                    e.found[b, t.nv + j, t.nv + c - 1] = e.found[b, t.nv + j, t.nv + c - 1] + change
+                    half = HALF * (w.by_v[j] - e.by_move[b, j])
+                    one = t.nv + j
+                    two = t.nv + c - 1
+                    e.found[b, one, two] = e.found[b, one, two] + half
+                    e.found[b, two, one] = e.found[b, two, one] + half
                 else:
                     e.by_move[b, j] = w.by_v[j]
+
+    @wp.func
+    def length_of(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """A length of a scene: how far its largest shape on a body reaches, or its longest spring; 1 where it
+        has neither.
+        """
+        out = ZERO + ZERO
+        for i in range(t.shapes):
+            if t.shape_body[i] != WORLD:
+                reach = wp.length(wp.vec2d(number(t, k, OFFSET, 2 * i), number(t, k, OFFSET, 2 * i + 1)))
+                reach += wp.max(number(t, k, RADIUS, 2 * i), number(t, k, RADIUS, 2 * i + 1))
+                out = wp.max(out, reach)
+        if out == ZERO:
+            for i in range(t.springs):
+                out = wp.max(out, number(t, k, LENGTH, i))
+        return wp.where(out > ZERO, out, ONE)
 
     @wp.func
     def of_rows(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], e: Curves, b: int,
@@ -288,8 +311,11 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
                 curve = curve * bend(k.z[r], ONE / k.sigma[r])
                 for i in range(width):
                     own = curve * e.root[b, r, i]
-                    for j in range(width):
+                    for j in range(i + 1):
                         e.found[b, i, j] = e.found[b, i, j] + own * e.root[b, r, j]
+        for i in range(width):
+            for j in range(i):
+                e.found[b, j, i] = e.found[b, i, j]
 
     @wp.func
     def hessian(
@@ -305,8 +331,9 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             return int(0)
         if wp.static(contacts):
             of_rows(t, k, room, w, e, b, n)
+        length = length_of(t, k)
         for c in range(t.nv):
-            of_configuration(t, k, g, room, w, e, b, n, c, external, world)
+            of_configuration(t, k, g, room, w, e, b, n, c, length, external, world)
         if wp.static(contacts):
             follow(t, k, g, room, b, n, -1)
         configure(t, k, room, w, e, b, n, external, world)

@@ -1,0 +1,188 @@
+"""Second derivatives of generic kernels, by the Lagrangian of a solved step: differences of A and B of random
+mechanisms, and what DDP weighs them by.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_scenes import near_contact, random_tree
+from simulators import scene
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+
+LAWS = {
+    "smoothed": {},
+    "unscaled": {"scaling": "none"},
+    "hard": {"residual": "hard"},
+    "coulomb": {"residual": "hard", "friction": "coulomb"},
+}
+
+
+def mechanism(seed):
+    """Branches, dampers that act late or early, a spring that is met late, half of the pairs that bounce."""
+    rng = np.random.default_rng(200 + seed)
+    sc = random_tree(rng, 4, contacts=True)
+    spring = slcp.Spring("body0", "body3", (0.1, 0.2), stiffness=30.0, damping=1.0, length=0.4)
+    pairs = tuple(replace(pair, restitution=0.6 * (n % 2)) for n, pair in enumerate(sc.contacts))
+    changes = {"implicit_stiffness": bool(seed % 2), "implicit_damping": bool(seed % 2)}
+    return replace(sc, springs=(spring,), contacts=pairs, **changes), rng
+
+
+def slopes(sim, x, u, weights, params):
+    """The gradient of a weighted next state by x and u, and the status."""
+    lin = sim.linearize(x, u if sim.nu else None, params)
+    return np.einsum("bi,bij->bj", weights, np.concatenate([lin.A, lin.B], 2)), np.asarray(lin.status)
+
+
+def by_differences(sim, x, u, weights, params, e):
+    """(B, nz, nz), and where all that they are made of is solved and slopes to both sides agree (B,)."""
+    z = np.concatenate([x, u], 1)
+    here, status = slopes(sim, x, u, weights, params)
+    good, columns, kinks = status == 0, [], []
+    for unit in e * np.eye(z.shape[1]):
+        sides = [slopes(sim, *np.split(z + side * unit, [sim.nx], 1), weights, params) for side in (1, -1)]
+        (up, one), (down, two) = sides
+        good &= (one == 0) & (two == 0)
+        columns.append((up - down) / (2.0 * e))
+        kinks.append(np.abs(up + down - 2.0 * here).max(1) / e)
+    found = np.stack(columns, 2)
+    smooth = np.max(kinks, 0) <= 1e-2 * np.abs(found).max((1, 2)) + 1e-6 * np.abs(here).max(1)
+    return found, good & smooth
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("seed", range(4))
+def test_they_are_differences_of_slopes(law, seed):
+    sc, rng = mechanism(seed)
+    sim = slcp.Simulator(sc, slcp.Options(**LAWS[law]), device="cpu", strategy="generic")
+    params = sim.params if sim.options.hard else sim.params.replace(sigma=0.1)
+    x = near_contact(sc, rng, 24)
+    u, weights = rng.standard_normal((24, sim.nu)), rng.standard_normal((24, sim.nx))
+    found, status = slcp.weighted_hessian(sim, x, u, weights, params)
+    expected, smooth = by_differences(sim, x, u, weights, params, 3e-7 if sim.options.hard else 2e-6)
+    keep = smooth & (status == 0)
+    touched = np.abs(sim.step(x, u, params).impulse).max(1) > 1e-3
+    assert keep.sum() >= 12 and (keep & touched).sum() >= 4
+    size = np.abs(expected).max((1, 2), keepdims=True) + np.abs(slopes(sim, x, u, weights, params)[0]).max()
+    bound = 3e-5 if sim.options.hard else 1e-6  # of differences over shorter steps
+    assert (np.abs(found - expected) / size)[keep].max() <= bound
+    np.testing.assert_array_equal(found, found.swapaxes(1, 2))
+
+
+def test_those_of_all_outputs_add_up_to_the_weighed_ones():
+    """Weights of q' and v' of one step, and of no world and one without a solution."""
+    sc, rng = mechanism(1)
+    sim = slcp.Simulator(sc, device="cpu", strategy="generic")
+    x = near_contact(sc, rng, 6)
+    x[2, 0] = np.nan
+    u, weights = rng.standard_normal((6, sim.nu)), rng.standard_normal((6, sim.nx))
+    lin = sim.linearize(x, u, second=True)
+    found, status = slcp.weighted_hessian(sim, x, u, weights)
+    h = sim.params["step_size"]
+    by_velocity = weights[:, sim.scene.nv :] + h * weights[:, : sim.scene.nv]
+    expected = np.einsum("bi,bijk->bjk", by_velocity, lin.second)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_array_equal(status, lin.status)
+    assert status[2] == slcp.Status.NONFINITE and not found[2].any() and not lin.second[2].any()
+    assert (np.delete(status, 2) == 0).all() and np.abs(np.delete(found, 2, 0)).max((1, 2)).all()
+
+
+def test_without_actuators_there_are_those_by_the_state():
+    sc = replace(mechanism(0)[0], actuators=())
+    sim = slcp.Simulator(sc, device="cpu", strategy="generic")
+    x = near_contact(sc, np.random.default_rng(3), 3)
+    weights = np.ones_like(x)
+    found, status = slcp.weighted_hessian(sim, x, np.zeros((3, 0)), weights)
+    assert found.shape == (3, sim.nx, sim.nx) and not status.any()
+    expected, smooth = by_differences(sim, x, np.zeros((3, 0)), weights, None, 1e-6)
+    assert smooth.any()
+    np.testing.assert_allclose(found[smooth], expected[smooth], rtol=0, atol=1e-4 * np.abs(expected).max())
+
+
+def test_a_heavy_body_on_a_light_one_keeps_its_digits():
+    """Masses 1e6 to 1, under both scalings."""
+    sc = slcp.scenes.stack(2, [1e-3, 1e3], 0.5, size=0.1)
+    x = np.tile(sc.x0, (4, 1)) + 1e-3 * np.random.default_rng(5).standard_normal((4, 12))
+    for scaling in ("inertia", "none"):
+        sim = slcp.Simulator(sc, slcp.Options(scaling=scaling), device="cpu", strategy="generic")
+        weights = np.random.default_rng(6).standard_normal(x.shape)
+        none = np.zeros((4, 0))
+        found, status = slcp.weighted_hessian(sim, x, none, weights)
+        expected, smooth = by_differences(sim, x, none, weights, None, 1e-7)
+        keep = smooth & (status == 0)
+        assert keep.sum() >= 2
+        size = np.abs(expected).max((1, 2), keepdims=True)
+        assert (np.abs(found - expected) / size)[keep].max() <= 1e-4
+
+
+def finger(horizon=20):
+    sim = slcp.Simulator(scene("flicking_finger"), device="cpu", strategy="generic")
+    return ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon)
+
+
+def weighed(work, weights):
+    """Whether the second derivatives that a workspace holds are those under these weights."""
+    sim, d = work.problem.dynamics, work._derivatives
+    xs, us = work.xs.numpy()[0], work.us.numpy()[0]
+    found, _ = slcp.weighted_hessian(sim, xs[:-1], us, weights[1:])
+    held = d.second.numpy()[:, 0]
+    return np.abs(held - found).max() <= 1e-9 * np.abs(found).max()
+
+
+def test_a_pass_weighs_by_costates_first_and_then_by_the_value_function():
+    problem = finger()
+    work = ddp.Workspace(problem, 1)
+    x0 = scene("flicking_finger").x0
+    work.start(x0[None], 0.5 * np.random.default_rng(0).standard_normal((1, 20, 2)))
+    work.differentiate()
+    d = work._derivatives
+    lx, fx = d.lx.numpy()[0], d.fx.numpy()[0]
+    costates = [lx[-1]]
+    for k in reversed(range(20)):
+        costates.append(lx[k] + fx[k].T @ costates[-1])
+    costates = np.array(costates[::-1])
+    assert weighed(work, costates)
+    work.backward()
+    before, xs = work.Vx.numpy()[0].copy(), work.xs.numpy().copy()
+    work.search()
+    assert np.abs(work.xs.numpy() - xs).max() > 1e-6
+    work.differentiate()
+    assert weighed(work, before) and not weighed(work, costates)
+
+
+@pytest.mark.full
+def test_passes_are_as_many_as_with_kernels_of_its_own():
+    """V_x of the pass before does as well as that of the pass; costates in all of them take twice as many."""
+    x0 = scene("flicking_finger").x0
+    us = 0.5 * np.random.default_rng(7).standard_normal((24, 50, 2))
+    passes = {}
+    for strategy in ("generic", "specialised"):
+        sim = slcp.Simulator(
+            scene("flicking_finger"), slcp.Options(scaling="none"), device="cpu", strategy=strategy
+        )
+        problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, 50)
+        plan = ddp.solve(problem, np.tile(x0, (24, 1)), us, ddp.Options(max_iterations=300))
+        assert (plan.status == ddp.Status.CONVERGED).mean() > 0.9
+        passes[strategy] = plan.iterations.mean()
+    assert passes["generic"] <= 1.4 * passes["specialised"]
+
+
+def test_they_do_not_depend_on_the_unit_of_length():
+    """Two boxes of .1 m and of .1 mm, with velocities, gravity and sigma to match."""
+    found = []
+    rng = np.random.default_rng(8)
+    noise, weights = 1e-3 * rng.standard_normal((3, 12)), rng.standard_normal((3, 12))
+    for unit in (1.0, 1e-3):
+        sc = slcp.scenes.stack(2, [1.0, 2.0], 0.5, size=0.1 * unit)
+        sim = slcp.Simulator(sc, device="cpu", strategy="generic")
+        of = np.tile([unit, unit, 1.0], 4)  # of every state
+        params = sim.params.replace(gravity=(0.0, -9.81 * unit), sigma=0.1 * unit)
+        hessian, status = slcp.weighted_hessian(
+            sim, sc.x0 + noise * of, np.zeros((3, 0)), weights / of, params
+        )
+        assert not status.any()
+        found.append(hessian * of[:, None] * of)
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-7 * np.abs(found[0]).max())
+    assert np.abs(found[0]).max() > 1.0
