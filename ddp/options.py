@@ -90,7 +90,8 @@ class Options:
 
     Attributes:
         max_iterations: line searches at most; one more backward pass makes the returned policy.
-        method: "second-order", full DDP, (M33) to (M35); "gauss-newton", without second derivatives of the
+        method: "second-order", full DDP, (M33) to (M35), whose second derivatives generic kernels weigh by
+            the value function of the pass before (M56); "gauss-newton", without second derivatives of the
             dynamics; or "first-order", the paper's (9)-(10).
         step_sizes: the alphas tried.
         full_step_ratio: least actual / expected reduction of the first step size for it to suffice; infinite:

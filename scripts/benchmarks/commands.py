@@ -212,12 +212,13 @@ def latency_command(
     ] = None,
     passes: Annotated[int, typer.Option(min=1, help="Of DDP a cycle.")] = 2,
     cycles: Annotated[int, typer.Option(min=1, help="Measured cycles.")] = 10000,
+    method: Annotated[str | None, typer.Option(help="Of DDP; else what MPC takes by itself.")] = None,
     dtype: Dtype = "float64",
     seed: Seed = 0,
     csv: Csv = None,
 ) -> None:
     """From a state to the controls: one cycle of MPC of one world, its slowest ones too."""
-    _save(csv, bench_latency(task, library, passes, cycles, dtype, seed))
+    _save(csv, bench_latency(task, library, passes, cycles, method, dtype, seed))
 
 
 @app.command("precision")

@@ -19,17 +19,21 @@ QUANTILES = (0.5, 0.9, 0.99, 0.999, 1.0)
 WARM = 50  # cycles before those that count
 
 
-def bench_latency(name: str, library: Path | None, passes: int, cycles: int, dtype: str, seed: int) -> Rows:
+def bench_latency(
+    name: str, library: Path | None, passes: int, cycles: int, method: str | None, dtype: str, seed: int
+) -> Rows:
     """From a state of the task, on hard contact, to the controls: wall time and processor time."""
     task = slcp.load_task(name)
     problem = ddp.problem_of(task, task.simulator(dtype=dtype))
     entries = None if library is None else ddp.Library.load(library)
     if entries is not None:
         entries.check_scene(task.scene)
+    options = None if method is None else ddp.Options(method=method)
     rows = []
     for prepared in (False, True):  # real-time iteration readies the next cycle between two
         own = 0 if prepared else passes
-        policy = ddp.MPC(problem, entries, passes=own, improved=1 if prepared else len(_starts(entries)))
+        improved = 1 if prepared else len(_starts(entries))
+        policy = ddp.MPC(problem, entries, passes=own, improved=improved, options=options)
         times = np.array(list(_cycles(task, policy, cycles + WARM, seed)))[WARM:]
         how = "real-time iteration" if prepared else f"{passes} passes"
         rows += [
