@@ -13,6 +13,7 @@ import warp as wp
 from slcp_warp.inputs.checks import function, instance, shown, whole
 from slcp_warp.inputs.copies import NotCopied
 from slcp_warp.inputs.errors import ArgumentError
+from slcp_warp.kernels.control.backward.riccati_parts import WEIGHED
 from slcp_warp.kernels.control.backward.weights import make_weight_kernel
 from slcp_warp.kernels.control.costs import make_cost_kernel
 from slcp_warp.kernels.device.launch import Prepared, together
@@ -93,13 +94,13 @@ class Workspace(NotCopied):
         policy, d, fresh = self._policy, self._derivatives, self._state.fresh
         second = d.second if self.second_order else None
         arrays = (policy.xs, policy.us, self.params, d.fx, d.fu, second, d.status, fresh)
-        self._run_weights = self._run_weighed = None
-        if self.second_order and hasattr(self.dynamics, "prepare_weighed"):
-            weights = self._make.zeros(B, N + 1, problem.nx)
-            inputs: list[Any] = [d, policy, self._state.passes, fresh, weights]
-            self._run_weights = Prepared(make_weight_kernel(problem.nx, dtype), B, inputs, self.device)
-            both = self.dynamics.prepare_weighed(*arrays[:3], weights, *arrays[3:])
-            self._run_linearize, self._run_weighed = both
+        self._weigh: tuple[Callable[[], None], ...] = ()
+        if self.second_order and self.dynamics.nw == WEIGHED:
+            weights, asked = self._make.zeros(B, N + 1, problem.nx), self._make.zeros(B, dtype=wp.int32)
+            kernel = make_weight_kernel(problem.nx, dtype)
+            run = Prepared(kernel, B, [d, policy, self._state, asked, weights], self.device)
+            first, weighed = self.dynamics.prepare_weighed(*arrays, weights, asked)
+            self._run_linearize, self._weigh = first, (run, weighed)
         elif hasattr(self.dynamics, "prepare_linearize"):
             self._run_linearize = self.dynamics.prepare_linearize(*arrays)
         else:
@@ -296,9 +297,8 @@ class Workspace(NotCopied):
         self._run_cost()
         if self._rounds is not None:
             self._rounds.add_penalties()
-        if self._run_weights is not None and self._run_weighed is not None:
-            self._run_weights()
-            self._run_weighed()
+        for run in self._weigh:
+            run()
 
     def backward(self, last: bool = False) -> None:
         """A backward pass of the problems that go on: K, k, Vx, Vxx; with ``last`` they end with it."""

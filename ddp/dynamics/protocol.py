@@ -13,8 +13,8 @@ class Dynamics(Protocol):
 
     Attributes:
         nx, nu: numbers of states and controls.
-        nw: number of curved outputs y: V.f_zz = sum_i (lift V)_i d2y_i/dz2 with z = (x, u); 0: there is a
-            ``prepare_weighed``, which weighs second derivatives.
+        nw: number of curved outputs y: V.f_zz = sum_i (lift V)_i d2y_i/dz2 with z = (x, u); -1: second
+            derivatives are weighed where they are made, by ``prepare_weighed``.
         dtype: Warp scalar type.
         device: Warp device.
         params: default numbers, an object with ``replace(**changes)``.
@@ -44,9 +44,10 @@ class Dynamics(Protocol):
         A dynamics may also have ``prepare_linearize``, which takes the same arguments and returns a function
         without any that does this for the same arrays at less overhead, and ``prepare_candidates``, as of
         `GenericDynamics`, that rolls out in kernels of its own instead of DDP's with the step function.
-        ``prepare_weighed`` takes weights (B, N+1, nx) in front of fx, and returns two such functions: one
-        writes fx, fu and status, the other one second (B N, 1, nz, nz), f_zz of every step weighed by what
-        stands in weights for the state after it.
+        ``prepare_weighed``, of nw = -1, takes the same and then weights (B, N+1, nx) and asked (B,), and
+        returns two such functions. One writes fx, fu and status of the problems with active = 1, the other
+        one second (B N, 1, nz, nz) of those with asked = 1: f_zz of every step, weighed by what stands in
+        weights for the state after it, and 0 where that has no digits.
         """
 
     def lift_into(self, params: Any, lift: Any) -> None:

@@ -10,7 +10,8 @@ from slcp_warp import Simulator
 from slcp_warp.gradients import launches
 from slcp_warp.gradients.tape import derivatives_exist
 from slcp_warp.inputs.checks import attribute
-from slcp_warp.inputs.errors import ArgumentTypeError
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.kernels.control.backward.riccati_parts import WEIGHED
 from slcp_warp.kernels.control.generic_rollouts import FOLLOW
 from slcp_warp.kernels.derivatives.curvature import in_closed_form
 from slcp_warp.kernels.step.rollout import make_transition
@@ -85,23 +86,38 @@ class GenericDynamics(SimulatorDynamics):
 
     def __init__(self, sim: Simulator) -> None:
         super().__init__(sim)
-        self.nw = 0
+        self.nw = WEIGHED
 
     def lift_into(self, params: Any, lift: Any) -> None:
         """See `Dynamics`: nothing is left to be weighed."""
 
+    def prepare_linearize(
+        self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
+    ) -> Callable[[], None]:
+        """See `Dynamics`.
+
+        Raises:
+            ArgumentError: second derivatives that nobody weighs.
+        """
+        if second is not None:
+            raise ArgumentError("second must be None: generic kernels weigh it, see prepare_weighed")
+        return super().prepare_linearize(xs, us, params, fx, fu, None, status, active)
+
     def prepare_weighed(
-        self, xs: Any, us: Any, params: Any, weights: Any, fx: Any, fu: Any, second: Any, status: Any,
-        active: Any,
+        self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any,
+        weights: Any, asked: Any,
     ) -> tuple[Callable[[], None], Callable[[], None]]:  # fmt: skip
         """See `Dynamics`."""
         kernels = self._kernels()
         derivatives_exist(self.sim.options.method)
-        nowhere = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
-        none = [wp.zeros((0,) * n, dtype=self.dtype, device=self.device) for n in (3, 4, 4)]
-        inputs = params, xs, us, nowhere, active
-        first = kernels.prepare_curvature(*inputs, none[0], (fx, fu, none[1], status))
-        return first, kernels.prepare_curvature(*inputs, weights, (none[1], none[2], second, status))
+
+        def none(*shape: int) -> Any:
+            return wp.zeros(shape, dtype=self.dtype, device=self.device)
+
+        given, own = (params, xs, us, none(0, 0)), wp.zeros_like(status)
+        first = kernels.prepare_curvature(*given, active, none(0, 0, 0), (fx, fu, none(0, 0, 0, 0), status))
+        outputs = none(1, 1, 0, 0), none(1, 1, 0, 0), second, own
+        return first, kernels.prepare_curvature(*given, asked, weights, outputs)
 
     def _kernels(self) -> GenericKernels:
         kernels = self.sim.kernels.stepping

@@ -59,7 +59,7 @@ class MPC:
         noise: standard deviation of the start "noise" [control units]; None: a fifth of the limits, or 1.
         seed: of that noise.
         options: of DDP; `passes` stand in the place of its max_iterations. None: those of `ddp.solve`, but
-            Gauss-Newton where second derivatives are differences, which take most of a cycle's time.
+            Gauss-Newton where second derivatives take most of a cycle's time (`Problem.quick_method`).
         block: worlds that are planned at once.
 
     Attributes:

@@ -9,6 +9,7 @@ import warp as wp
 from slcp_warp.inputs.checks import memory
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.kernels.control import status as codes
+from slcp_warp.kernels.control.backward.riccati_parts import WEIGHED
 from slcp_warp.kernels.control.rollouts import make_candidate_arrays
 from slcp_warp.kernels.control.solver_state import SolverState, make_derivative_arrays, make_policy_arrays
 from slcp_warp.kernels.control.state_limits import make_state_limits
@@ -75,8 +76,9 @@ class Arrays:
         d = make_derivative_arrays(self.dtype)()
         d.fx, d.fu = self.zeros(B, N, nx, nx), self.zeros(B, N, nx, nu)
         d.status = self.zeros(B, N, dtype=wp.int32)
-        d.second = self.zeros(B * N, max(nw, 1), nz, nz) if second_order else self.zeros(1, 1, 1, 1)
-        d.lift = self.zeros(B, nw, nx)
+        own = 1 if nw == WEIGHED else nw
+        d.second = self.zeros(B * N, own, nz, nz) if second_order else self.zeros(1, 1, 1, 1)
+        d.lift = self.zeros(B, max(nw, 0), nx)
         self.dynamics.lift_into(params, d.lift)
         d.lx, d.lu = self.zeros(B, N + 1, nx), self.zeros(B, N, nu)
         d.lxx, d.lux = self.zeros(B, N + 1, nx, nx), self.zeros(B, N, nu, nx)
@@ -106,7 +108,8 @@ class Arrays:
         """Where every problem stands: cost, regularisation, status, trace."""
         B, f64, i32 = self.batch, wp.float64, wp.int32
         s = SolverState()
-        s.status, s.active, s.searching, s.fresh, s.passes = (self.zeros(B, dtype=i32) for _ in range(5))
+        for name in ("status", "active", "searching", "fresh", "passes", "valued"):
+            setattr(s, name, self.zeros(B, dtype=i32))
         s.cost, s.mu, s.delta, s.gradient, s.pivot = (self.zeros(B, dtype=f64) for _ in range(5))
         s.size, s.relative, s.gap, s.gap_price = (self.zeros(B, dtype=f64) for _ in range(4))
         s.flat = self.zeros(B, dtype=i32)

@@ -63,6 +63,7 @@ def make_choice_kernels(nx, nu, dtype):
         state.status[b] = wp.where(good == 1, RUNNING, DYNAMICS_FAILED)
         state.active[b] = good
         state.fresh[b] = good
+        state.valued[b] = 0
         state.cost[b] = out.cost[b, 0]
         state.size[b] = out.size[b, 0]
         state.flat[b] = 0

@@ -15,6 +15,7 @@ class SolverState:
     searching: wp.array(dtype=wp.int32)  # 1 where the first step size is not enough, and the others are tried
     fresh: wp.array(dtype=wp.int32)  # 1 if the trajectory changed since it was linearised
     passes: wp.array(dtype=wp.int32)  # line searches done
+    valued: wp.array(dtype=wp.int32)  # 1: V_x is that of a backward pass since the trajectory was started
     cost: wp.array(dtype=wp.float64)  # J of the nominal trajectory
     size: wp.array(dtype=wp.float64)  # sum of the sizes of its terms: what J's rounding is relative to
     flat: wp.array(dtype=wp.int32)  # 1 where all terms of Q_u are too small to be felt in J
@@ -38,7 +39,8 @@ def make_derivative_arrays(dtype):
     class Derivatives:
         fx: wp.array(ndim=4, dtype=dtype)  # (B, N, nx, nx)
         fu: wp.array(ndim=4, dtype=dtype)  # (B, N, nx, nu)
-        second: wp.array(ndim=4, dtype=dtype)  # (B N, nw, nz, nz), second derivatives of the curved outputs
+        second: wp.array(ndim=4, dtype=dtype)  # (B N, nw, nz, nz), second derivatives of the curved outputs;
+        # (B N, 1, nz, nz) where they come weighed: V.f_zz itself
         lift: wp.array(ndim=3, dtype=dtype)  # (B, nw, nx): V.f_zz = sum_i (lift V)_i second[i]
         lx: wp.array(ndim=3, dtype=dtype)  # (B, N+1, nx), the last one of the final cost
         lu: wp.array(ndim=3, dtype=dtype)  # (B, N, nu)

@@ -205,12 +205,12 @@ def _weighed(
         return wp.array(np.stack(parts, 1), dtype=sim.dtype, device=sim.device)
 
     second, status = sim.empty(worlds, 1, width, width), wp.zeros((worlds, 1), wp.int32, device=sim.device)
-    outputs = (sim.empty(0, 0, 0, 0), sim.empty(0, 0, 0, 0), second, status)
+    outputs = (sim.empty(1, 1, 0, 0), sim.empty(1, 1, 0, 0), second, status)
     everything = wp.zeros(0, dtype=wp.int32, device=sim.device)
     xs, us, after = put(x), put(u), put(np.zeros_like(weights), weights)
     table, external = sim.parameter_array(params, worlds), sim.empty(0, 0)
     kernels.prepare_curvature(table, xs, us, external, everything, after, outputs)()
-    return second.numpy()[:, 0], status.numpy()[:, 0]
+    return second.numpy()[:, 0].astype(float), status.numpy()[:, 0]
 
 
 def _array(name: str, value: Any, shape: tuple[int | str, ...]) -> np.ndarray:

@@ -251,7 +251,7 @@ class Simulator(Printed):
 
         Args:
             x, u, params, external_force: as for `step`.
-            second: second derivatives, too, in closed form (M29), or by differences (M30).
+            second: second derivatives, too, in closed form (M29), by (M55), or by differences (M30).
 
         Raises:
             OptionError: options without derivatives.

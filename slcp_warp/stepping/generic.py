@@ -214,7 +214,8 @@ class GenericKernels:
         """
         items, length = self._runs(us)
         given = [params, us.shape[1], xs, us, external, active, weights, *outputs]
-        most = (self.chunk, self.slopes.most, self.rooms.most, self.curves.most)
+        second = outputs[2].shape[1] > 0
+        most = (self.chunk, self.slopes.most, self.rooms.most, self.curves.most if second else items)
         slots = max(min(*most, items), 1)
         kernel = make_curvature_kernel(self.dtype, self.residual)
 
@@ -223,7 +224,7 @@ class GenericKernels:
                 self.workspaces.lend(slots) as work,
                 self.slopes.lend(slots) as slopes,
                 self.rooms.lend(slots) as of_adjoint,
-                self.curves.lend(slots) as curves,
+                self.curves.lend(slots if second else 0) as curves,
             ):
                 whole = room.with_factor(of_adjoint, slopes)
                 for base in range(0, items, slots):
@@ -242,7 +243,7 @@ class GenericKernels:
             arrays: number of problems, x0, Policy, Candidates, params, external, active.
         """
         kernel = make_candidates_kernel(self.dtype, self.residual)
-        slots = min(items, self.chunk)
+        slots = max(min(items, self.chunk), 1)
 
         def run() -> None:
             with self.workspaces.lend(slots) as work:

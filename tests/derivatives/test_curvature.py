@@ -73,7 +73,7 @@ def test_they_are_differences_of_slopes(law, seed):
 
 @pytest.mark.parametrize("scene_of", ["branches", "stack"])
 def test_those_of_all_outputs_add_up_to_the_weighed_ones(scene_of):
-    """Weights of q' and v' of one step, of one tree and of bodies of their own, one world without a solution."""
+    """Weights of q' and v' of a step of one tree, and of bodies of their own; a world without a solution."""
     sc, rng = mechanism(1)
     if scene_of == "stack":
         sc = slcp.scenes.stack(3)
@@ -137,25 +137,72 @@ def weighed(work, weights):
     return np.abs(held - found).max() <= 1e-9 * np.abs(found).max()
 
 
-def test_a_pass_weighs_by_costates_first_and_then_by_the_value_function():
-    problem = finger()
-    work = ddp.Workspace(problem, 1)
-    x0 = scene("flicking_finger").x0
-    work.start(x0[None], 0.5 * np.random.default_rng(0).standard_normal((1, 20, 2)))
-    work.differentiate()
+def costates(work):
+    """Of the trajectory and cost that a workspace holds."""
     d = work._derivatives
     lx, fx = d.lx.numpy()[0], d.fx.numpy()[0]
-    costates = [lx[-1]]
-    for k in reversed(range(20)):
-        costates.append(lx[k] + fx[k].T @ costates[-1])
-    costates = np.array(costates[::-1])
-    assert weighed(work, costates)
-    work.backward()
-    before, xs = work.Vx.numpy()[0].copy(), work.xs.numpy().copy()
-    work.search()
-    assert np.abs(work.xs.numpy() - xs).max() > 1e-6
-    work.differentiate()
-    assert weighed(work, before) and not weighed(work, costates)
+    found = [lx[-1]]
+    for k in reversed(range(len(fx))):
+        found.append(lx[k] + fx[k].T @ found[-1])
+    return np.array(found[::-1])
+
+
+def test_a_pass_weighs_by_costates_first_and_then_by_the_value_function():
+    """Also where the line search found nothing: then by the value function about this very trajectory."""
+    work = ddp.Workspace(finger(), 1)
+    x0, us = scene("flicking_finger").x0[None], 0.5 * np.random.default_rng(0).standard_normal((1, 20, 2))
+    for again in (False, True):  # what a workspace solved before is no value function of the next problem
+        work.start(x0, (1.0 - 0.5 * again) * us)
+        work.differentiate()
+        first = costates(work)
+        assert weighed(work, first)
+        work.backward()
+        before, xs = work.Vx.numpy()[0].copy(), work.xs.numpy().copy()
+        work._state.fresh.zero_()
+        work.differentiate()
+        assert weighed(work, before) and not weighed(work, first)
+        work.search()
+        assert np.abs(work.xs.numpy() - xs).max() > 1e-6
+        work.differentiate()
+        assert weighed(work, before) and not weighed(work, costates(work))
+
+
+def test_gaps_and_limits_begin_with_costates_again():
+    """Multiple shooting and rounds of state limits end where single shooting without limits does, if these
+    are far away; where they are not they hold.
+    """
+    problem, x0 = finger(), scene("flicking_finger").x0
+    us = 0.3 * np.random.default_rng(1).standard_normal((20, 2))
+    plain = ddp.solve(problem, x0, us)
+    shot = ddp.solve(problem, x0, plain.us, xs0=plain.xs + 1e-3 * np.sin(np.arange(21))[:, None])
+    assert plain.status == shot.status == ddp.Status.CONVERGED
+    np.testing.assert_allclose(shot.cost, plain.cost, rtol=1e-9)
+    low, high = np.full(6, -50.0), np.full(6, 50.0)
+    wide = ddp.solve(replace(problem, state_limits=(low, high)), x0, us)
+    np.testing.assert_allclose(wide.cost, plain.cost, rtol=1e-9)
+    low[3] = 0.8 * plain.xs[:, 3].min()  # a speed
+    held = ddp.solve(replace(problem, state_limits=(low, high)), x0, us)
+    assert low[3] < -0.1 and held.status == ddp.Status.CONVERGED and held.cost > plain.cost
+    assert held.xs[1:, 3].min() >= low[3] * (1.0 + 1e-3)
+
+
+def test_where_a_spring_has_no_length_steps_are_shorter():
+    """Its ends 2e-6 m apart on a disc of 5 m, beside a kernel of its own in closed form."""
+    sc = slcp.Scene(
+        "sprung", (slcp.Body("a", 1.0, 0.1, joint="free"),), (slcp.Shape("d", "a", "disc", 5.0),),
+        springs=(slcp.Spring(None, "a", stiffness=100.0, damping=2.0),), step_size=0.01,
+    )  # fmt: skip
+    x, w = np.array([[2e-6, 1e-6, 0.1, 0.3, -0.2, 0.1]]), np.array([[0.0, 0.0, 0.0, 1.0, 1.0, 0.0]])
+    found = [
+        slcp.weighted_hessian(slcp.Simulator(sc, device="cpu", strategy=way), x, np.zeros((1, 0)), w)[0]
+        for way in ("generic", "specialised")
+    ]
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-4 * np.abs(found[1]).max())
+
+
+def test_no_problems_have_plans_of_none():
+    plan = ddp.solve(finger(), np.zeros((0, 6)), np.zeros((0, 20, 2)))
+    assert plan.xs.shape == (0, 21, 6) and plan.status.shape == (0,)
 
 
 @pytest.mark.full

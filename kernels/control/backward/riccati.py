@@ -31,14 +31,14 @@ from ..solver_state import (
     schedule_row,
 )
 from ..status import SCHEDULE_CONTROL, SCHEDULE_STATE
-from .riccati_parts import make_pass_parts
+from .riccati_parts import WEIGHED, make_pass_parts
 
 
 @cached
 def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
     """Kernel ``(first, Derivatives, Policy, SolverState, gradient_tolerance, last)`` over problems.
 
-    Of nw = 0 curved outputs second derivatives are one, weighed already (`weights.py`).
+    Of nw = WEIGHED curved outputs second derivatives are one.
 
     Writes K, k, Vx, Vxx and, in the state, the expected change, largest |Q_u|, smallest pivot, mu and status.
     With ``last`` = 1 a problem still running ends at its iteration limit. Problems with ``active`` = 0 are
@@ -52,7 +52,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
     cholesky, direction, steepest = parts.cholesky, parts.direction, parts.steepest
     final_value, linearised, end = parts.final_value, parts.linearised, parts.end
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
-    outputs = max(nw, 1)
+    outputs = 1 if nw == WEIGHED else nw
     curved = method == "second-order"
     quadratic = method != "first-order"
 
@@ -82,7 +82,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             cell = b * d.fx.shape[1] + k
             for i in range(outputs):
                 y = ONE
-                if wp.static(nw > 0):
+                if wp.static(nw != WEIGHED):
                     y = ZERO
                     for j in range(nx):
                         y += d.lift[b, i, j] * vx[j]

@@ -21,6 +21,7 @@ from ..status import (
 )
 from .box_qp import EPSILON, make_small_solver
 
+WEIGHED = -1  # curved outputs where second derivatives come weighed, as one (`weights.py`)
 METHODS = ("second-order", "gauss-newton", "first-order")
 
 
@@ -168,6 +169,7 @@ def make_pass_parts(nx, nu, method, has_limits, dtype):
     ):
         """What a pass leaves in the state."""
         state.fresh[b] = 0
+        state.valued[b] = wp.where(unsolved == 0, 1, 0)
         trace(state, b, unsolved == 0, restarts, wp.float64(wp.max(highest)), lowest)
         if unsolved == 2:
             drop_policy(policy, b)

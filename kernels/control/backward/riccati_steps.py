@@ -6,6 +6,7 @@ import warp as wp
 
 from ...factories import cached
 from ..solver_state import make_derivative_arrays, make_policy_arrays
+from .riccati_parts import WEIGHED
 
 LANES = 32  # of a warp
 
@@ -23,9 +24,9 @@ def together():
 def room_of(nx, nu, nw):
     """Where a problem's numbers begin in its room: {name: place}, and "width", their number."""
     sizes = {
-        "vx": nx, "vxx": nx * nx, "y": nw, "product": nx * (nx + nu), "qx": nx, "qu": nu, "qxx": nx * nx,
-        "qux": nu * nx, "quu": nu * nu, "ruu": nu * nu, "rux": nu * nx, "sizes": nu, "step": nu,
-        "gain": nu * nx, "pull": nu, "gap": nx, "raised": 1,
+        "vx": nx, "vxx": nx * nx, "y": max(nw, 0), "product": nx * (nx + nu), "qx": nx, "qu": nu,
+        "qxx": nx * nx, "qux": nu * nx, "quu": nu * nu, "ruu": nu * nu, "rux": nu * nx,
+        "sizes": nu, "step": nu, "gain": nu * nx, "pull": nu, "gap": nx, "raised": 1,
     }  # fmt: skip
     out, end = {}, 0
     for name, size in sizes.items():
@@ -99,7 +100,7 @@ def make_shared_steps(nx, nu, nw, method, dtype, lanes):
             cell = b * d.fx.shape[1] + k
             high = wp.max(r, c)  # of z, by which second derivatives are symmetric
             low = wp.min(r, c)
-            if wp.static(nw == 0):  # weighed already
+            if wp.static(nw == WEIGHED):
                 sum += d.second[cell, 0, high, low]
             for i in range(nw):
                 sum += room[b, wp.static(at.y) + i] * d.second[cell, i, high, low]

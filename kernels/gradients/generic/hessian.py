@@ -23,9 +23,15 @@ from ...generic.work import LANES, ROWS, WORK, Slot
 from ...residual.smoothing import make_smoothing
 from ...structure import WORLD, Structure
 from .room import OLD, Room, View
+from .spans import TAIL
 from .step import make_step_adjoint
 
-FAR = 2.0**-21  # of a radian or of a length of the scene, times the root of how many of these q is
+STEP = 2.0**-21  # of a radian or of a length of the scene, times the root of how many of these q is
+
+
+PART_OF_TAIL = 1e-3  # of what rounds a spring's length at zero, at most
+LEAST = 1e-30  # of D, as of a step's
+ROWS_BY_DOF, ROWS_MORE = 32, 64  # as many rows as a slot has room for, where a scene has more
 
 
 @wp.struct
@@ -33,11 +39,12 @@ class Curves:
     """Workspaces, (slots, items), n_s = 2 nv + nu."""
 
     move: wp.array3d(dtype=WORK)  # (nv, n_s) dv'/ds
-    root: wp.array3d(dtype=WORK)  # (nr, n_s) dz/ds by row; of hard rows D dlambda/ds
-    strength: wp.array2d(dtype=WORK)  # (nr) s(z) = D lambda
+    root: wp.array3d(dtype=WORK)  # (rows, n_s) dz/ds by the list of acting rows; of hard ones D dlambda/ds
+    strength: wp.array2d(dtype=WORK)  # (rows) s(z) = D lambda, by the same list
+    edge: wp.array2d(dtype=wp.int32)  # (rows) 1: of a pair at the end of a side, where slopes have a kink
     by_state: wp.array2d(dtype=WORK)  # (2 nv) differences of slopes of L
     by_move: wp.array2d(dtype=WORK)  # (nv)
-    by_root: wp.array2d(dtype=WORK)  # (nr)
+    by_root: wp.array2d(dtype=WORK)  # (rows)
     cross: wp.array2d(dtype=WORK)  # (n_s)
     found: wp.array3d(dtype=WORK)  # (n_s, n_s)
 
@@ -45,7 +52,8 @@ class Curves:
 def lengths(s: Structure) -> dict[str, tuple[int, ...]]:
     """Items of every array of a structure."""
     width = 2 * s.nv + s.nu
-    rows = {"root": (s.nr, width), "strength": (s.nr,), "by_root": (s.nr,)}
+    most = min(s.nr, ROWS_BY_DOF * s.nv + ROWS_MORE)
+    rows = {"root": (most, width), "strength": (most,), "edge": (most,), "by_root": (most,)}
     return rows | {
         "move": (s.nv, width),
         "by_state": (2 * s.nv,),
@@ -59,7 +67,8 @@ def allocate_curves(s: Structure, slots: int, device: Any) -> Curves:
     """Workspaces of `slots` worlds."""
     out = Curves()
     for name, shape in lengths(s).items():
-        setattr(out, name, wp.zeros((slots, *shape), dtype=WORK, device=device))
+        kind = wp.int32 if name == "edge" else WORK
+        setattr(out, name, wp.zeros((slots, *shape), dtype=kind, device=device))
     return out
 
 
@@ -87,13 +96,15 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     bend = None if hard or not contacts else make_smoothing(WORK, residual).bend
     dual, env = adjoint.dual, make_envelope()
     number = make_mechanism(given).number
+    SHORT, TINY = (WORK(x) for x in TAIL)
+    LONG = WORK(PART_OF_TAIL / STEP)
     RADIUS, OFFSET, LENGTH = (COLUMN[name] for name in ("radius", "shape_offset", "spring_length"))
-    ZERO, ONE, HALF = WORK(0.0), WORK(1.0), WORK(0.5)
+    ZERO, ONE, TWO, HALF = WORK(0.0), WORK(1.0), WORK(2.0), WORK(0.5)
 
     @wp.func
     def lose_scale(t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, e: Curves, b: int, n: int):
         """Of hard rows lambda is what it is, whatever D: off dz what D's change makes of it."""
-        for n_th in range(n):
+        for n_th in range(wp.min(n, e.strength.shape[1])):
             s = d.row[b, n_th]
             begin = n_th * g.width
             for side in range(2):
@@ -103,7 +114,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
                 if group >= 0:
                     for at in range(g.group_start[group], g.group_start[group + 1]):
                         j = g.group_dof[at]
-                        e.root[b, s, j] = e.root[b, s, j] - k.lam[s] * d.scale_by_q[b, begin]
+                        e.root[b, n_th, j] = e.root[b, n_th, j] - k.lam[s] * d.scale_by_q[b, begin]
                         begin += 1
 
     @wp.func
@@ -116,9 +127,9 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
                 for j in range(t.nv):
                     value = d.found[b, place(t, j)]
                     e.move[b, j, first + lane] = value[lane]
-                for n_th in range(n):
+                for n_th in range(wp.min(n, e.strength.shape[1])):
                     value = d.root[b, n_th]
-                    e.root[b, d.row[b, n_th], first + lane] = value[lane]
+                    e.root[b, n_th, first + lane] = value[lane]
         if first + LANES >= width:
             if wp.static(hard):
                 if t.inertia_scaling == 1:
@@ -141,20 +152,25 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def refill(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """d/h and J of the rows that follow."""
+        """d/h and J of the rows that follow; which pairs bounce stays."""
         r = int(0)
         while r < k.count[wp.static(ROWS)]:
             start = r + 0
             i = k.row[r]
             r += 1
+            bounce = ZERO
             if t.row_kind[i] == wp.static(CONTACT):
                 pair = t.row_index[i]
                 r = start + t.pair_row[pair + 1] - t.pair_row[pair]
+                if t.bounces == 1:
+                    bounce = k.bounce[pair]
             acts = int(0)
             for one in range(start, r):
                 acts = wp.max(acts, k.acting[one])
             if acts > 0:
                 contact.fill(t, k, start, r, ONE)
+                if t.bounces == 1 and t.row_kind[i] == wp.static(CONTACT):
+                    k.bounce[t.row_index[i]] = bounce
 
     @wp.func
     def rescale(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], e: Curves, b: int, n: int):
@@ -166,8 +182,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             r = room.factor.row[b, n_th]
             if k.acting[r] > 0:
                 dual.response(t, k, r)
-                k.scale[r] = dual.along(t, k, k.move, r)
-                k.lam[r] = e.strength[b, r] / k.scale[r]
+                k.scale[r] = wp.max(dual.along(t, k, k.move, r), WORK(LEAST))
+                k.lam[r] = e.strength[b, n_th] / k.scale[r]
 
     @wp.func(inline=False)
     def configure(
@@ -201,7 +217,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             if k.acting[r] > 0:
                 dual.push(t, k, w, k.balance, r, w.rho[r])
                 pushed = k.p[r] / k.scale[r] * dual.along(t, k, w.p, r)
-                e.by_root[b, r] = e.by_root[b, r] + sign * pushed
+                e.by_root[b, n_th] = e.by_root[b, n_th] + sign * pushed
         for j in range(t.nv):
             e.by_move[b, j] = e.by_move[b, j] - sign * k.balance[t.dof_block[j]][t.dof_part[j]]
 
@@ -217,40 +233,53 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
                 for i in range(width):
                     e.cross[b, i] = e.cross[b, i] + by * e.move[b, j, i]
         for n_th in range(n):
-            r = room.factor.row[b, n_th]
-            by = e.by_root[b, r]
+            by = e.by_root[b, n_th]
             if by != ZERO:
                 for i in range(width):
-                    e.cross[b, i] = e.cross[b, i] + by * e.root[b, r, i]
+                    e.cross[b, i] = e.cross[b, i] + by * e.root[b, n_th, i]
         for i in range(width):
             e.found[b, i, c] = e.found[b, i, c] + e.cross[b, i]
             e.found[b, c, i] = e.found[b, c, i] + e.cross[b, i]
 
+    @wp.func
+    def kinked(k: wp.ref[Slot], room: wp.ref[Room], e: Curves, b: int, n: int):
+        """Whether a row that follows is at the end of a side: there A and B are a mean of both sides."""
+        found = int(0)
+        for n_th in range(n):
+            if k.acting[room.factor.row[b, n_th]] > 0:
+                found = wp.max(found, e.edge[b, n_th])
+        return found
+
     @wp.func(inline=False)
     def of_configuration(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], w: wp.ref[View], e: Curves,
-        b: int, n: int, c: int, length: WORK, external: wp.array2d(dtype=given), world: int,
+        b: int, n: int, c: int, length: wp.vec2d, external: wp.array2d(dtype=given), world: int,
     ):  # fmt: skip
-        """What moves with coordinate c, in a scene of such a length."""
+        """What moves with coordinate c, in a scene of such a length and share of a radian."""
         for j in range(2 * t.nv):
             e.by_state[b, j] = ZERO
         for j in range(t.nv):
             e.by_move[b, j] = ZERO
         for n_th in range(n):
-            e.by_root[b, room.factor.row[b, n_th]] = ZERO
+            e.by_root[b, n_th] = ZERO
         if wp.static(contacts):
             follow(t, k, g, room, b, n, g.dof_group[c])
         q = w.q[c] + ZERO
-        unit = wp.where(t.dof_kind[c] == wp.static(TURN), ONE, length)
-        far = WORK(FAR) * unit * wp.sqrt(wp.max(ONE, wp.abs(q) / unit))
-        low = q - far
-        high = q + far
-        sides = int(2)  # a loop that is not unrolled
-        for side in range(sides):
-            w.q[c] = wp.where(side == 0, high, low)
+        unit = wp.where(t.dof_kind[c] == wp.static(TURN), length[1], length[0])
+        far = (q + WORK(STEP) * unit * wp.sqrt(wp.max(ONE, wp.abs(q) / unit))) - q  # what q can be moved by
+        points = int(2)
+        if kinked(k, room, e, b, n) == 1:  # the mean of the slopes' own slopes to both sides
+            points = int(4)
+        for point in range(points):
+            side = wp.where(point % 2 == 0, far, -far)
+            weight = wp.where(point == 0, ONE, -ONE) / (TWO * far)
+            if points == 4:
+                side = side * wp.where(point < 2, ONE, TWO)
+                weight = wp.where(point == 1 or point == 2, ONE, -ONE) / (TWO * far)
+            w.q[c] = q + side
             configure(t, k, room, w, e, b, n, external, world)
             adjoint.slopes(t, g, k, room, w, external, world)
-            gather(t, k, room, w, e, b, n, wp.where(side == 0, ONE, -ONE) / (high - low))
+            gather(t, k, room, w, e, b, n, weight)
         w.q[c] = q
         for j in range(t.nv):
             half = HALF * e.by_state[b, j]
@@ -285,7 +314,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def length_of(t: wp.ref[Topology], k: wp.ref[Slot]):
         """A length of a scene: how far its largest shape on a body reaches, or its longest spring; 1 where it
-        has neither.
+        has neither. Where springs are short it is less, and so is the share of a radian beside it: steps are
+        no more than a thousandth of what rounds a spring's length at zero.
         """
         out = ZERO + ZERO
         for i in range(t.shapes):
@@ -296,7 +326,11 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
         if out == ZERO:
             for i in range(t.springs):
                 out = wp.max(out, number(t, k, LENGTH, i))
-        return wp.where(out > ZERO, out, ONE)
+        reach = wp.where(out > ZERO, out, ONE)
+        out = reach + ZERO
+        for i in range(t.springs):
+            out = wp.min(out, LONG * (SHORT * number(t, k, LENGTH, i) + TINY))
+        return wp.vec2d(out, out / reach)
 
     @wp.func
     def of_rows(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], e: Curves, b: int,
@@ -305,14 +339,17 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
         width = 2 * t.nv + t.nu
         for n_th in range(n):
             r = room.factor.row[b, n_th]
-            e.strength[b, r] = k.lam[r] * k.scale[r]
+            e.strength[b, n_th] = k.lam[r] * k.scale[r]
+            e.edge[b, n_th] = 0
+            if t.row_kind[k.row[r]] == wp.static(CONTACT):
+                e.edge[b, n_th] = adjoint.at_edge(t, k, t.row_index[k.row[r]])
             if wp.static(not hard):
-                curve = dual.along(t, k, w.p, r) / k.scale[r] - w.rho[r]
+                curve = -w.y[r] / k.scale[r]
                 curve = curve * bend(k.z[r], ONE / k.sigma[r])
                 for i in range(width):
-                    own = curve * e.root[b, r, i]
+                    own = curve * e.root[b, n_th, i]
                     for j in range(i + 1):
-                        e.found[b, i, j] = e.found[b, i, j] + own * e.root[b, r, j]
+                        e.found[b, i, j] = e.found[b, i, j] + own * e.root[b, n_th, j]
         for i in range(width):
             for j in range(i):
                 e.found[b, j, i] = e.found[b, i, j]
@@ -326,6 +363,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
         for i in range(width):
             for j in range(width):
                 e.found[b, i, j] = ZERO
+        if n > e.strength.shape[1]:
+            return int(0)
         adjoint.aim(t, k, w)
         if dual.solved(t, k, room, w, b, n) == 0:
             return int(0)
@@ -339,6 +378,10 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
         configure(t, k, room, w, e, b, n, external, world)
         adjoint.rates(t, k, w)
         of_velocities(t, k, w, e, b)
-        return int(1)
+        total = ZERO + ZERO
+        for i in range(width):
+            for j in range(width):
+                total += wp.abs(e.found[b, i, j])
+        return wp.where(wp.isfinite(total), 1, 0)
 
     return SimpleNamespace(keep=keep, hessian=hessian)

@@ -11,7 +11,7 @@ import warp as wp
 from ...factories import cached
 from ...generic.contact import make_contact
 from ...generic.derivatives.tables import Groups
-from ...generic.topology import CONTACT, LOWER, Topology
+from ...generic.topology import BLOCK, CONTACT, LONG, LOWER, Topology
 from ...generic.work import ROWS, WORK, Slot
 from ...structure import WORLD
 from .dual import make_dual
@@ -216,4 +216,12 @@ def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
                     limit(t, s, k, w, r)
                 r += 1
 
-    return SimpleNamespace(constraints=constraints)
+    @wp.func
+    def at_edge(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
+        """1 where a pair is touched at the end of a side, whose slopes differ to both sides of it."""
+        kind = t.pair_kind[pair]
+        if kind == wp.static(LONG) or kind == wp.static(BLOCK):
+            return wp.where(touch.touch(t, k, pair).flat == 2, 1, 0)
+        return int(0)
+
+    return SimpleNamespace(constraints=constraints, at_edge=at_edge)

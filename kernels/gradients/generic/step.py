@@ -145,4 +145,5 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
         control=motion.control,
         dual=dual,
         rates=z.rates,
+        at_edge=rows.at_edge if contact else None,
     )

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import warp as wp
 from ddp_examples import cart_pole, fragile_problem, random_linear_problem
+from simulators import scene
 
+import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.parts import passes
 from slcp_warp.kernels.control.backward.riccati_steps import room_of
@@ -102,3 +104,16 @@ def test_a_room_holds_everything_once():
 def test_threads_on_a_cpu_lanes_on_a_gpu():
     assert passes.lanes_of(wp.get_device("cpu")) == 0
     assert passes.lanes_of(SimpleNamespace(is_cpu=False)) == 32
+
+
+def test_a_lane_takes_second_derivatives_that_come_weighed(monkeypatch):
+    """Of generic kernels."""
+    sim = slcp.Simulator(scene("flicking_finger"), device="cpu", strategy="generic")
+    problem = ddp.Problem(sim, ddp.costs.quadratic(np.eye(6), 0.1 * np.eye(2)), 12)
+    us = 0.3 * np.random.default_rng(0).normal(size=(2, 12, 2))
+
+    def solve():
+        options = ddp.Options(max_iterations=3)
+        return ddp.Workspace(problem, 2, options).solve(np.tile(scene("flicking_finger").x0, (2, 1)), us)
+
+    assert_same(*both(monkeypatch, solve), 1e-7)

@@ -173,8 +173,8 @@ def test_a_plan_with_a_delay_acts_when_it_is_there(task, problem):
         (slcp.Options(integrator="trapezoidal"), "specialised", "gauss-newton"),
     ],
 )
-def test_second_order_is_the_rule_where_it_is_had_in_closed_form(task, options, strategy, method):
-    """Differences of second order take nineteen twentieths of a cycle on a tray with two boxes."""
+def test_second_order_is_the_rule_where_it_is_cheap(task, options, strategy, method):
+    """By differences it takes nineteen twentieths of a cycle, in generic kernels two thirds."""
     sim = slcp.Simulator(task.scene, options, strategy=strategy)
     problem = ddp.Problem(sim, task.cost, 10, control_limits=task.control_limits)
     assert ddp.MPC(problem).options.method == method
