@@ -23,13 +23,13 @@ from ...generic.work import LANES, ROWS, WORK, Slot
 from ...residual.smoothing import make_smoothing
 from ...structure import WORLD, Structure
 from .room import OLD, Room, View
-from .spans import TAIL
+from .spans import make_spans
 from .step import make_step_adjoint
 
 STEP = 2.0**-21  # of a radian or of a length of the scene, times the root of how many of these q is
 
 
-PART_OF_TAIL = 1e-3  # of what rounds a spring's length at zero, at most
+PART = 1e-3  # of a spring's length now, rounded at zero: no step is longer
 LEAST = 1e-30  # of D, as of a step's
 ROWS_BY_DOF, ROWS_MORE = 32, 64  # as many rows as a slot has room for, where a scene has more
 
@@ -96,8 +96,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     bend = None if hard or not contacts else make_smoothing(WORK, residual).bend
     dual, env = adjoint.dual, make_envelope()
     number = make_mechanism(given).number
-    SHORT, TINY = (WORK(x) for x in TAIL)
-    LONG = WORK(PART_OF_TAIL / STEP)
+    spans, LONG = make_spans(given, False), WORK(PART / STEP)
     RADIUS, OFFSET, LENGTH = (COLUMN[name] for name in ("radius", "shape_offset", "spring_length"))
     ZERO, ONE, TWO, HALF = WORK(0.0), WORK(1.0), WORK(2.0), WORK(0.5)
 
@@ -314,8 +313,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def length_of(t: wp.ref[Topology], k: wp.ref[Slot]):
         """A length of a scene: how far its largest shape on a body reaches, or its longest spring; 1 where it
-        has neither. Where springs are short it is less, and so is the share of a radian beside it: steps are
-        no more than a thousandth of what rounds a spring's length at zero.
+        has neither. Where a spring is short now it is less, and so is the share of a radian beside it: steps
+        are no more than a thousandth of its length.
         """
         out = ZERO + ZERO
         for i in range(t.shapes):
@@ -329,7 +328,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
         reach = wp.where(out > ZERO, out, ONE)
         out = reach + ZERO
         for i in range(t.springs):
-            out = wp.min(out, LONG * (SHORT * number(t, k, LENGTH, i) + TINY))
+            out = wp.min(out, LONG / wp.sqrt(spans.span(t, k, i, number(t, k, LENGTH, i)).inv))
         return wp.vec2d(out, out / reach)
 
     @wp.func
