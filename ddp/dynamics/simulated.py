@@ -100,7 +100,10 @@ class GenericDynamics(SimulatorDynamics):
             ArgumentError: second derivatives that nobody weighs.
         """
         if second is not None:
-            raise ArgumentError("second must be None: generic kernels weigh it, see prepare_weighed")
+            raise ArgumentError(
+                f"second is an array of shape {second.shape}; None is needed: generic kernels weigh second "
+                "derivatives, see prepare_weighed"
+            )
         return super().prepare_linearize(xs, us, params, fx, fu, None, status, active)
 
     def prepare_weighed(

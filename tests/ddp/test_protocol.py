@@ -143,3 +143,9 @@ def test_discs_on_a_table_stay_until_the_finger_comes():
         pushed.status == slcp.Status.SOLVED
         and np.abs(pushed.states[-1, 2:4] - task.scene.x0[2:4]).max() > 0.02
     )
+
+
+def test_generic_kernels_give_no_second_derivatives_that_are_not_weighed():
+    sim = slcp.Simulator(scene("flicking_finger"), device="cpu", strategy="generic")
+    with pytest.raises(ValueError, match=r"second is an array of shape \(2, 6, 8, 8\); None is needed"):
+        dynamics_of(sim).prepare_linearize(None, None, None, None, None, sim.empty(2, 6, 8, 8), None, None)

@@ -1,11 +1,12 @@
 """Second derivatives of a weighted sum of the state after a step, by the state and controls before it.
 
-With L = P.F1 + rho.F2 at the weights' P and rho (M27) and y = (v', z), d2(weights.x')/ds2 of s = (q, v, u)
+With L = P.F1 + rho.F2 at the weights' P and rho (M31) and y = (v', z), d2(weights.x')/ds2 of s = (q, v, u)
 is [1; Y]' L'' [1; Y], Y = dy/ds (M55): what solved equations say of a function of their solution. L is linear
 in v', u and impulses, quadratic in v: of L'' the part by q takes differences (of the slopes by q, v and y at
-fixed y, without another solution), the part by v exact ones, and by z it is diagonal.
+fixed y, without another solution), the part by v exact ones, and by z it is diagonal, s''(z) row by row.
 """
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,8 +28,6 @@ from .spans import make_spans
 from .step import make_step_adjoint
 
 STEP = 2.0**-21  # of a radian or of a length of the scene, times the root of how many of these q is
-
-
 PART = 1e-3  # of a spring's length now, rounded at zero: no step is longer
 LEAST = 1e-30  # of D, as of a step's
 ROWS_BY_DOF, ROWS_MORE = 32, 64  # as many rows as a slot has room for, where a scene has more
@@ -74,13 +73,7 @@ def allocate_curves(s: Structure, slots: int, device: Any) -> Curves:
 
 def bytes_per_world(s: Structure) -> int:
     """Memory of one slot."""
-    count = 0
-    for shape in lengths(s).values():
-        size = 1
-        for n in shape:
-            size *= n
-        count += size
-    return 8 * count
+    return 8 * sum(math.prod(shape) for shape in lengths(s).values())
 
 
 @cached

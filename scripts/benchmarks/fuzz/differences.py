@@ -83,9 +83,7 @@ def curvature_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tu
         return np.where((np.asarray(lin.status) == 0)[:, None], out, np.nan)
 
     here, sides = slopes(z), []
-    least = np.abs(here).max(1)[
-        :, None
-    ]  # what hardly bends is not asked for more digits than its slopes have
+    least = np.abs(here).max(1)[:, None]  # what hardly bends has no more digits than its slopes
     for side in (1.0, -1.0):
         tried = []
         for e in STEPS:
