@@ -18,6 +18,7 @@ from .ensembles.particles import ParticleRollout, Particles, particle_rollout, p
 from .ensembles.questions.rare.failure import FailureShare, failure_share
 from .ensembles.questions.rare.falsification import Falsification
 from .ensembles.questions.rare.falsify import falsify
+from .ensembles.questions.replay import replay
 from .ensembles.questions.robustness_map import RobustnessMap, robustness_map
 from .ensembles.questions.sensitivity import sensitivity
 from .ensembles.questions.sequential import SequentialComparison, compare_sequentially
@@ -107,6 +108,7 @@ __all__ = [
     "particle_rollout",
     "particles",
     "policies",
+    "replay",
     "residual",
     "robustness_map",
     "runs",

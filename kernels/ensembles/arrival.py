@@ -9,6 +9,10 @@ from ..factories import cached
 from ..structure import STEP_SIZE
 from .disturbances import make_conditions, make_disturbances, make_events
 
+# columns of what a sweep notes of its worlds (B, NOTED): how deep rows overlap where the first step begins
+# [m, rad], NaN: not known; when the step began that was not solved [s], infinite: all were
+OVERLAP, STOPPED, NOTED = 0, 1, 2
+
 
 @wp.struct
 class Progress:

@@ -12,9 +12,9 @@ from ..factories import cached
 from ..generic.topology import CONTACT, Topology
 from ..generic.work import ROWS, WORK, Slot, Work, view
 from ..policies.contract import PolicyKernel, make_policy
-from ..status import SOLVED
+from ..status import NONFINITE, SOLVED
 from ..structure import STEP_SIZE
-from .arrival import make_span
+from .arrival import OVERLAP, STOPPED, make_span
 from .disturbances import END, make_conditions, make_disturbances, make_events
 from .generic_rollout import make_world
 from .measures import NO_USERS, Users, make_listed_contacts, make_measures, make_tables
@@ -61,6 +61,15 @@ def make_generic_sweep_kernel(
                     c.impulse[pair] = c.impulse[pair] + k.lam[r]
 
     @wp.func
+    def overlap(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """How deep rows overlap at the start of a step, of those that can act."""
+        deepest = ZERO
+        if wp.static(residual != "none"):
+            for r in range(k.count[wp.static(ROWS)]):
+                deepest = wp.max(deepest, -one.step.row_gap(t, k, r))
+        return deepest
+
+    @wp.func
     def leave(
         t: wp.ref[Topology], k: wp.ref[Slot], span: Span, i: int, x: VX, code: int, record: int, event: int
     ):
@@ -98,6 +107,7 @@ def make_generic_sweep_kernel(
         span: Span,
         records: wp.array3d(dtype=wp.float32),  # out (B, S, R)
         kept: wp.array3d(dtype=wp.float64),  # out (B, M, WIDTH) of the measures
+        noted: wp.array2d(dtype=wp.float64),  # out (B, NOTED)
         status: wp.array(dtype=wp.int32),  # out (B,)
     ):
         # long: a world's run is one loop over named stages, and what it stands in is local to the thread
@@ -153,11 +163,15 @@ def make_generic_sweep_kernel(
                     disturb.push(c, e, i, params[i], x, time, h)
                 one.put(t, k, x)
                 code = one.advance(t, k, e.external, i, u)
+                if n == 0 and code != wp.static(NONFINITE):
+                    noted[i, wp.static(OVERLAP)] = overlap(t, k)
                 if code == wp.static(SOLVED):
                     x = one.state(t, k)
                     if impulse.shape[0] > 0:
                         touching.on = 1
                         contacts_of(t, k, touching, h)
+                else:
+                    noted[i, wp.static(STOPPED)] = time
             if code != wp.static(SOLVED):
                 u = VU()
             measures.look(m, kept, i, time, h, before, u, touching, 0)

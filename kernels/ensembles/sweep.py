@@ -7,11 +7,11 @@ from ..device.relay import Relay, hand_on, taken
 from ..factories import cached
 from ..policies.contract import PolicyKernel, make_policy
 from ..specialisation import Specialisation
-from ..status import SOLVED
+from ..status import NONFINITE, SOLVED
 from ..step.reach import AFTER
 from ..step.rollout import make_batch
 from ..structure import layout
-from .arrival import make_span
+from .arrival import OVERLAP, STOPPED, make_span
 from .disturbances import END, make_conditions, make_disturbances, make_events
 from .measures import NO_USERS, Users, make_contacts, make_measures, make_tables
 
@@ -58,6 +58,14 @@ def make_sweep_kernel(
         return out
 
     @wp.func
+    def overlap(sol: step.Solution, h: wp.float64):
+        """How deep rows overlap at the start of a step, of those that can act."""
+        deepest = wp.float64(0.0)
+        for r in range(wp.static(NR)):
+            deepest = wp.max(deepest, -wp.float64(sol.rate[r]) * h)
+        return deepest
+
+    @wp.func
     def leave(span: Span, i: int, x: step.types.VX, carry: step.Carry, code: int, record: int, event: int):
         """What the next launch takes over."""
         span.p.status[i] = code
@@ -83,6 +91,7 @@ def make_sweep_kernel(
         span: Span,
         records: wp.array3d(dtype=wp.float32),  # out (B, S, R)
         kept: wp.array3d(dtype=wp.float64),  # out (B, M, WIDTH) of the measures
+        noted: wp.array2d(dtype=wp.float64),  # out (B, NOTED)
         status: wp.array(dtype=wp.int32),  # out (B,)
     ):
         # long: a world's run is one loop over named stages, and what it stands in is local to the thread
@@ -145,11 +154,15 @@ def make_sweep_kernel(
                         memory = kept_memory
                         end = k
                         break
+                if k == 0 and code != wp.static(NONFINITE):
+                    noted[i, wp.static(OVERLAP)] = overlap(sol, h)
                 if code == wp.static(SOLVED):
                     x = after
                     carry.z = sol.z
                     carry.normal = sol.normal
                     touching = contacts_of(sol, h)
+                else:
+                    noted[i, wp.static(STOPPED)] = time
             if code != wp.static(SOLVED):
                 u = VU()
             measures.look(m, kept, i, time, h, before, u, touching, 0)

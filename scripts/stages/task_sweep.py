@@ -1,5 +1,6 @@
 """Policies in the same disturbed worlds of a task, and what came out, as tables."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp.ensembles.chunks import ARMS, KEYS
+from slcp_warp.ensembles.outcome import overlap_text
 from slcp_warp.ensembles.statistics.intervals import Interval
 
 from ..support.asking import steps_of_sweep, watched, worlds_of_sweep
@@ -36,7 +38,9 @@ def sweep_task(task: slcp.Task, given: Sequence[str] | None, **choices: Any) -> 
         sizes = [choices.get(name) for name in ("worlds", "cases", "step_sizes")]
         policies = watched(policies, steps_of_sweep(task, *sizes), progress.say)
         progress(0, worlds_of_sweep(task, *sizes) * max(1, len(policies or ())))
-    report: slcp.Report = slcp.sweep(task, policies, **choices)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*begin in overlap", RuntimeWarning)  # `report_table` says it
+        report: slcp.Report = slcp.sweep(task, policies, **choices)
     if not report.source.keys:
         raise KeyboardInterrupt
     return report
@@ -50,9 +54,11 @@ def report_table(report: slcp.Report) -> Table:
         box=SIMPLE_HEAD,
         padding=0,
     )
-    for heading in ("policy", "case", "success [%]", "undisturbed", *measures, "failed"):
-        table.add_column(heading, justify="left" if heading in KEYS else "right", no_wrap=heading == "case")
     found = {tuple(row[key] for key in KEYS): row for row in report.summary}
+    deep = any(row["overlapping"].get("worlds") for row in found.values())
+    for heading in ("policy", "case", "success [%]", "undisturbed", *measures, "failed",
+                    *(["begin in overlap"] if deep else [])):  # fmt: skip
+        table.add_column(heading, justify="left" if heading in KEYS else "right", no_wrap=heading == "case")
     for (policy, case, step_size, arm), row in found.items():
         if arm != ARMS[0]:
             continue
@@ -60,7 +66,10 @@ def report_table(report: slcp.Report) -> Table:
         alone = "" if still is None else f"{100.0 * still['success'][0]:.0f}"
         means = [_mean(row, name) for name in measures]
         failed = str(row["worlds"] - row["statuses"]["SOLVED"])
-        table.add_row(policy, f"{case}, h = {step_size:g}", percent(row["success"]), alone, *means, failed)
+        begin = [overlap_text(row["overlapping"])] if deep else []
+        table.add_row(
+            policy, f"{case}, h = {step_size:g}", percent(row["success"]), alone, *means, failed, *begin
+        )
     return table
 
 

@@ -78,6 +78,7 @@ def by_periods(
     table: MeasureTable,
     worlds: Worlds,
     records: wp.array,
+    noted: wp.array,
 ) -> tuple[wp.array, wp.array]:
     """As `launch.at_once`."""
     count, params, state, device = len(worlds), worlds.params, wp.clone(worlds.x0), sim.device
@@ -88,7 +89,7 @@ def by_periods(
     for k in range(0, steps, policy.every):
         policy.ask(k, events, span.p, state)
         inputs = [conditions, events, params, worlds.x0, policy.struct, measures, span, records, kept]
-        inputs, period = [*inputs, span.p.status], period._replace(first=k)
+        inputs, period = [*inputs, noted, span.p.status], period._replace(first=k)
         run_worlds(sim, policy.kernel, table, inputs, max(1, 128 // policy.every), period)
     return kept, span.p.status
 
@@ -100,6 +101,7 @@ def handed_on(
     table: MeasureTable,
     worlds: Worlds,
     records: wp.array,
+    noted: wp.array,
 ) -> tuple[wp.array, wp.array]:
     """As `launch.at_once`, in launches of the fast kernel and of the one that makes the steps it leaves.
 
@@ -129,7 +131,7 @@ def handed_on(
     assert both is not None
     fast, full = (make_sweep_kernel(spec, kernel, users, spans=True) for spec in both)
     steps = int(span.p.steps.numpy().max(initial=0))
-    inputs = [*numbers, struct, table.struct(sim), span, records, kept, span.p.status]
+    inputs = [*numbers, struct, table.struct(sim), span, records, kept, noted, span.p.status]
     Run(fast, full, count, steps, inputs, sim.device, 1, 1 if apart else None, before)()
     return kept, span.p.status
 

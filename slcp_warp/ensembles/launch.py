@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.ensembles.arrival import make_span
+from slcp_warp.kernels.ensembles.arrival import NOTED, OVERLAP, STOPPED, make_span
 from slcp_warp.kernels.ensembles.disturbances import ROUNDING, make_conditions
 from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.structure import STEP_SIZE
@@ -135,7 +135,9 @@ class Case:
         return sweep_kernel(self.sim, self.policy[0], self.table, spans=False)
 
     def launch(self, world0: int, count: int) -> dict[str, np.ndarray]:
-        """Worlds world0, ...: records (B, S, R), measures (B, M), status and what was drawn (B,)."""
+        """Worlds world0, ...: records (B, S, R), measures (B, M); (B,) status, what was drawn, how deep rows
+        overlap at the start, and when the step began that was not solved, infinite: none.
+        """
         worlds = self.draws.worlds(world0, count)
         records: wp.array = wp.zeros((count, *self.records), dtype=wp.float32, device=self.sim.device)
         self._conditions.world0 = world0
@@ -144,11 +146,15 @@ class Case:
             at_step_size(self._timed, *read_columns(worlds.params, [STEP_SIZE]))
         if not isinstance(policy, tuple):
             policy = OnHost(self.sim, policy, self._conditions, worlds)
-        kept, status = self.roll_out(self.sim, policy, self._conditions, self.table, worlds, records)
+        noted = nothing_noted(self.sim, count)
+        kept, status = self.roll_out(self.sim, policy, self._conditions, self.table, worlds, records, noted)
+        seen = noted.numpy()
         found = {
             "records": records.numpy().copy(),
             "measures": self.table.values(kept.numpy()),
             "status": status.numpy().copy(),
+            "start_overlap": seen[:, OVERLAP].copy(),
+            "unsolved_time": seen[:, STOPPED].copy(),
         }
         return found | self.draws.columns(worlds, world0)
 
@@ -179,6 +185,7 @@ def at_once(
     table: MeasureTable,
     worlds: Worlds,
     records: wp.array,
+    noted: wp.array,
 ) -> tuple[wp.array, wp.array]:
     """Run a chunk of worlds to the end in one launch.
 
@@ -189,6 +196,7 @@ def at_once(
         table: of what is measured.
         worlds: on the simulator's device.
         records: (B, S, R), filled.
+        noted: (B, NOTED), filled where there is something.
 
     Returns:
         What is kept of the measures (B, M, WIDTH), and status (B,).
@@ -198,8 +206,14 @@ def at_once(
     status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
     events, measured = events_of(sim, worlds), table.struct(sim)
     inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, make_span(sim.dtype)()]
-    run_worlds(sim, policy_kernel, table, [*inputs, records, kept, status], 1)
+    run_worlds(sim, policy_kernel, table, [*inputs, records, kept, noted, status], 1)
     return kept, status
+
+
+def nothing_noted(sim: Simulator, worlds: int) -> wp.array:
+    """Of worlds that begin, (B, NOTED)."""
+    rows = np.tile(np.where(np.arange(NOTED) == STOPPED, np.inf, np.nan), (worlds, 1))
+    return wp.array(rows, dtype=wp.float64, device=sim.device)
 
 
 def _conditions(sim: Simulator, disturbances: Disturbances, limits: Any, record: Recorded) -> Any:

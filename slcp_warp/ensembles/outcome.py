@@ -67,6 +67,10 @@ class Report(Printed):
     def table(self) -> dict[str, np.ndarray]:
         """Tidy columns, one row a world: `KEYS`, world, what was drawn, measures, success, status.
 
+        "start_overlap" is how deep rows overlap where the world begins [m, rad], of those that can act in its
+        first step (NaN: that begins with no numbers); "unsolved_time" is when the step begins that was not
+        solved [s], after which the world stands still (infinite: all were).
+
         It takes memory for all rows; `dataset` does not.
 
         Raises:
@@ -99,6 +103,8 @@ class Report(Printed):
     def summary(self) -> list[dict[str, Any]]:
         """A row a part: worlds, success with its 95 % interval (Wilson), mean of every measure, statuses.
 
+        `overlapping` has the number of `worlds` that begin in overlap, by 1e-6 and more, and the `deepest`
+        [m, rad]; it is empty where the rows do not say.
         Means are over the worlds where the measure is finite; `finite` says by name in how many it is. A mean
         of `first_time` or `settled` leaves out the worlds that never get there: `quantiles` counts them.
         """
@@ -226,15 +232,25 @@ class Report(Printed):
         return f"{of}{counted(len(self.source.keys), 'part')}{end}"
 
     def _tables(self) -> list[Table]:
-        rows = []
-        for row in self.summary:
+        rows, summary = [], self.summary
+        deep = any(row["overlapping"].get("worlds") for row in summary)
+        for row in summary:
             share, low, high = (100.0 * value for value in row["success"])
             alone = row["arm"] != ARMS[0]  # a handful of worlds that are always the same
             success = f"{share:.1f}" if alone else f"{share:.1f} ({low:.1f} to {high:.1f})"
             means = [_mean(row, name) for name in self.measures]
             unsolved = row["worlds"] - row["statuses"][Status.SOLVED.name]
-            rows.append((*(row[key] for key in KEYS), row["worlds"], unsolved, success, *means))
-        head = (*KEYS, "worlds", "unsolved", "success, %", *(f"mean {name}" for name in self.measures))
+            begin = [overlap_text(row["overlapping"])] if deep else []
+            rows.append((*(row[key] for key in KEYS), row["worlds"], *begin, unsolved, success, *means))
+        begin = ["begin in overlap"] if deep else []
+        head = (
+            *KEYS,
+            "worlds",
+            *begin,
+            "unsolved",
+            "success, %",
+            *(f"mean {name}" for name in self.measures),
+        )
         return [Table("", head, rows, left=2)]
 
 
@@ -244,6 +260,13 @@ def _mean(row: dict[str, Any], name: str) -> Any:
     if not count:
         return "none finite"
     return mean if count == row["worlds"] else f"{mean:.4g} of {count}"
+
+
+def overlap_text(found: dict[str, Any]) -> str:
+    """How many worlds begin in overlap, and how deep, of a row of `Report.summary`."""
+    if not found.get("worlds"):
+        return "0" if found else "unknown"
+    return f"{found['worlds']:,}, to {found['deepest']:.2g}"
 
 
 def _several(values: Any) -> Any:

@@ -23,6 +23,7 @@ from .chunks import ARMS, Chunks, Part
 from .outcome import Report
 from .report import SweepReport
 from .spec import SweepSpec
+from .statistics.source import NOTED
 from .summary import spin_measures, summary_of, table_of
 from .task_report import Progress, sweep_task
 from .tasks import TaskSweep
@@ -247,6 +248,7 @@ def _report_of(work: SceneSweep, progress: Callable[[int, int], None]) -> SweepR
             found = work.found(part, world0, count)
             seconds[part] = seconds.get(part, 0.0) + time.perf_counter() - began
             found["records"] = found["records"][:, :, 0]
+            found = {name: column for name, column in found.items() if name not in NOTED}
             found |= dict(zip(work.task.measures, found.pop("measures").T))
             pieces.setdefault(part, []).append(found)
             done += count

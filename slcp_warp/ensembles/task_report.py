@@ -1,16 +1,20 @@
 """A sweep of a task, chunk after chunk, and a report of what is finished."""
 
 import os
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from ..inputs import checks
 from ..inputs.errors import ArgumentError
+from ..results.overlaps import OVERLAP
 from ..runs.progress import Standing
+from .chunks import ARMS
 from .outcome import Report
-from .statistics.source import MemorySource
+from .statistics.source import NOTED, MemorySource
 from .stored.sweep import StoredSweep
 from .stored.travel import given
 from .tasks import TaskSweep
@@ -37,7 +41,8 @@ def sweep_task(
         progress: called with (worlds done, worlds in all).
         choices: of `TaskSweep`.
 
-    A keyboard interrupt ends the sweep with what is finished (`complete` False).
+    A keyboard interrupt ends the sweep with what is finished (`complete` False). Worlds that begin in overlap
+    are a RuntimeWarning.
     """
     checks.function("progress", progress, 2, optional=True)
     if executor is not None and out is None:
@@ -46,8 +51,32 @@ def sweep_task(
     work = TaskSweep(found, named, **choices)
     tell = progress or (lambda done, total: None)
     if out is None:
-        return _in_memory(work, tell)
-    return _on_disk(work, out, texts, executor, choices.get("chunk"), tell)
+        report = _in_memory(work, tell)
+    else:
+        report = _on_disk(work, out, texts, executor, choices.get("chunk"), tell)
+    if text := _overlapping(report):
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
+    return report
+
+
+def _overlapping(report: Report) -> str:
+    """Which of the first disturbed worlds begin in overlap, in words; empty where none does.
+
+    All policies meet the same worlds.
+    """
+    start = NOTED[0]
+    key = next((key for key in report.source.keys if key[3] == ARMS[0]), None)
+    block = None if key is None else next(report.source.blocks(key, (start,)), None)
+    if key is None or block is None or not (block[start] > OVERLAP).any():
+        return ""
+    depth = np.nan_to_num(block[start])
+    deepest = int(depth.argmax())
+    return (
+        f"{np.count_nonzero(depth > OVERLAP):,} of {len(depth):,} worlds begin in overlap, world "
+        f"{block['world'][deepest]} deepest, by {depth[deepest]:.2g}, which their first steps open at once, "
+        f"with speeds to {depth[deepest] / key[2]:.2g} a second: starts that fit what is drawn are needed "
+        f"(Report.table[{start!r}] says which worlds; Worlds.x0 gives starts)"
+    )
 
 
 def _in_memory(work: TaskSweep, progress: Progress) -> Report:
@@ -55,7 +84,7 @@ def _in_memory(work: TaskSweep, progress: Progress) -> Report:
     report = Report(work.task, source)
     assert work.task.duration is not None
     recorded = len(work.record.states) * work.record.count(work.task.duration)
-    each = len(work.task.measures) + recorded + 2  # world, success and status
+    each = len(work.task.measures) + recorded + 2 + len(NOTED)  # world, success and status
     checks.memory("worlds: their rows", work.chunks.worlds * each, 8, wp.get_device("cpu"))
     try:
         for index in range(len(work.chunks)):

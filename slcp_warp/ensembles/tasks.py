@@ -24,6 +24,7 @@ from ..tasks.disturbances import Disturbances
 from ..tasks.task import Task
 from .chunks import ARMS, Chunks, Part
 from .launch import Case, Recorded, worlds_at_once
+from .statistics.source import NOTED
 from .worlds import Worlds
 from .worlds.between import between, observed, steps_of
 from .worlds.draws import Draws, Given, draws_of_task
@@ -263,6 +264,7 @@ def _columns(
         "world": np.arange(world0, world0 + len(solved)),
         **columns,
         **ended,
+        **{name: found[name] for name in NOTED},
         "success": success,
         "status": found["status"],
     }

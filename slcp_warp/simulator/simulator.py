@@ -215,7 +215,7 @@ class Simulator(Printed):
                 table, state.array, source.us, external, status, every
             )
             kept = (*range(0, source.steps, every), source.steps)
-            own: dict[str, Any] = {"simulated": simulated, "kept": kept, "_measured": self._measured}
+            own: dict[str, Any] = {"simulated": simulated, "kept": kept, "_measured": self.gaps}
             return Trajectory(state.give(states), state.give(status), **own)
         needed = {*record, "controls"} if taped_policy(source, state.array, table) else record
         controls, impulse, gap = recorded = [
@@ -227,11 +227,11 @@ class Simulator(Printed):
         self.kernels.stepping.rollout(arrays, source, record)
         shown: dict[str, Any] = {n: state.give(a) for n, a in zip(RECORDED, recorded) if n in record}
         return Trajectory(
-            state.give(states), state.give(status), simulated=simulated, _measured=self._measured, **shown
+            state.give(states), state.give(status), simulated=simulated, _measured=self.gaps, **shown
         )
 
-    def _measured(self, states: np.ndarray, params: Parameters) -> np.ndarray:
-        """Distances of rows (B, nr) in states (B, nx)."""
+    def gaps(self, states: Array, params: Parameters | None = None) -> np.ndarray:
+        """Signed distances of rows (B, nr) in states (B, nx) [m, rad], measured by a step."""
         return to_numpy(self.step(states, params=params).gap)
 
     def linearize(

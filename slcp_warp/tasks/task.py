@@ -24,8 +24,11 @@ from ..storage.printed import Printed, Table
 from .disturbances import Disturbances
 from .goal import goal
 
-COLUMNS = ("policy", "case", "step_size", "arm", "world", "failure_time", "success", "status")
-SUMMED = ("worlds", "finite", "statuses")  # of every part, beside the means of measures
+COLUMNS = (
+    *("policy", "case", "step_size", "arm", "world", "failure_time"),
+    *("start_overlap", "unsolved_time", "success", "status"),
+)
+SUMMED = ("worlds", "finite", "statuses", "overlapping")  # of every part, beside the means of measures
 DRAWN = "drawn_"  # columns of what is drawn begin with it
 RECORDED = "recorded_"  # and of what is recorded
 

@@ -7,28 +7,37 @@ from typing import Any
 import numpy as np
 
 from ...options import Status
+from ...results.overlaps import OVERLAP
 from .intervals import Interval, share_interval, shares_interval
 from .moments import Moments
 from .quantiles import quantile_intervals
-from .source import BLOCK, Columns, Key, Source
+from .source import BLOCK, NOTED, Columns, Key, Source
 
 STATUSES = len(Status)
+START = NOTED[0]  # how deep rows overlap where a world begins
 
 
 def summary_of_part(source: Source, key: Key, measures: Sequence[str]) -> dict[str, Any]:
-    """Worlds, success with its interval (Wilson), mean of every measure, where it is finite, statuses."""
+    """Worlds, success with its interval (Wilson), mean of every measure, where it is finite, statuses, and
+    how many begin in overlap.
+    """
     names = [name for name in measures if name in source.names(key)]
     worlds, successes, statuses = 0, 0, np.zeros(STATUSES, np.int64)
+    overlapping, deepest, known = 0, 0.0, START in source.names(key)
     means = dict.fromkeys(measures, Moments())
-    for block in source.blocks(key, ("success", "status", *names)):
+    for block in source.blocks(key, ("success", "status", *([START] if known else []), *names)):
         worlds += len(block["world"])
         successes += int(np.count_nonzero(block["success"]))
         statuses += np.bincount(block["status"].astype(np.int64), minlength=STATUSES)
+        if known:
+            overlapping += int(np.count_nonzero(block[START] > OVERLAP))
+            deepest = float(np.fmax.reduce(block[START], initial=deepest))
         for name in names:
             means[name] += Moments.of(block[name])
     row: dict[str, Any] = {"worlds": worlds, "success": share_interval(successes, worlds)}
     row |= {name: moments.interval() for name, moments in means.items()}
     row["finite"] = {name: moments.count for name, moments in means.items()}
+    row["overlapping"] = {"worlds": overlapping, "deepest": deepest} if known else {}
     return row | {"statuses": {status.name: int(statuses[status]) for status in Status}}
 
 

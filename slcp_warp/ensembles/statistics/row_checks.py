@@ -8,7 +8,7 @@ import numpy as np
 from ...options import Status
 from ...storage.files import FileError
 from ..chunks import ARMS, KEYS
-from .source import DRAWN, OF_ROWS, RECORDED, Columns, Key, MemorySource
+from .source import DRAWN, NOTED, OF_ROWS, RECORDED, Columns, Key, MemorySource
 
 STATUSES = [int(each) for each in Status]
 
@@ -54,7 +54,9 @@ def check_rows(label: str, rows: Columns) -> None:
     for name, column in rows.items():
         if name.startswith(DRAWN) and np.isnan(column).any():
             raise FileError(f"{label}: column {name!r} holds nan; what was drawn is a number")
-        if name in OF_ROWS or name.startswith((DRAWN, RECORDED)):
+        if name in NOTED and (column.dtype.kind != "f" or (column < 0.0).any()):
+            raise FileError(f"{label}: column {name!r} holds less than 0, or no numbers")
+        if name in OF_ROWS + NOTED or name.startswith((DRAWN, RECORDED)):
             continue
         if column.dtype.kind != "f" or not np.isnan(column[unsolved]).all():
             raise FileError(

@@ -10,6 +10,7 @@ BLOCK = 4096  # worlds of a block
 Key = tuple[str, str, float, str]  # policy, case, step size, arm
 Columns = dict[str, np.ndarray]
 OF_ROWS = ("world", "success", "status")  # columns of every part, beside its measures and what was drawn
+NOTED = ("start_overlap", "unsolved_time")  # the same, but tables of before may lack them
 DRAWN, RECORDED = "drawn_", "recorded_"
 
 
@@ -86,7 +87,9 @@ def chosen(names: Sequence[str] | None, there: Sequence[str]) -> list[str]:
 def measure_names(source: Source) -> tuple[str, ...]:
     """The columns that are measures, of all parts."""
     names = dict.fromkeys(name for key in source.keys for name in source.names(key))
-    return tuple(name for name in names if name not in OF_ROWS and not name.startswith((DRAWN, RECORDED)))
+    return tuple(
+        name for name in names if name not in OF_ROWS + NOTED and not name.startswith((DRAWN, RECORDED))
+    )
 
 
 class MemorySource:

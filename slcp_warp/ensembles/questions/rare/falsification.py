@@ -14,7 +14,7 @@ from ....storage.printed import Printed, Table
 from ....tasks.task import Task
 from ...store import save_table
 from ...worlds import Worlds
-from .replay import replayed
+from ..replay import replay
 from .trial import checked_options
 
 COLUMNS = ("role", "name", "value", "sd", "failed")  # of the table
@@ -80,12 +80,8 @@ class Falsification(Printed):
         """
         if self.world is None:
             raise ArgumentError("no failing disturbance was found; there is nothing to replay")
-        return replayed(
-            self.task,
-            policy,
-            self.world,
-            self.options if case is None else checked_options(self.task, case),
-        )
+        options = self.options if case is None else checked_options(self.task, case)
+        return replay(self.task, policy, self.world, case=options, dtype="float64")
 
     @property
     def table(self) -> dict[str, np.ndarray]:

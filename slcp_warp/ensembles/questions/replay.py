@@ -1,0 +1,81 @@
+"""Given worlds of a task, step by step."""
+
+from typing import Any
+
+import numpy as np
+
+from ...inputs import checks
+from ...inputs.errors import ArgumentError
+from ...inputs.times import nearest_steps
+from ...measures.reductions import first_time
+from ...options import Options
+from ...parameters import Parameters
+from ...results import Trajectory
+from ...results.simulated import Simulated
+from ...simulator import Simulator
+from ...tasks.task import Task
+from ..launch import Recorded
+from ..tasks import case_of
+from ..worlds import Worlds
+from ..worlds.draws import Given
+
+
+def replay(
+    task: Task,
+    policy: Any,
+    worlds: Worlds,
+    *,
+    case: Options | None = None,
+    seed: int = 0,
+    step_size: float | None = None,
+    dtype: str = "float32",
+    device: Any = None,
+    strategy: str = "auto",
+) -> Trajectory:
+    """The states of given worlds in every step, as a sweep's own kernels make them: of those of its worlds
+    that failed, `draw_worlds(task, ...)[failed]` with the sweep's seed, case, step size and precision.
+
+    A world that is not solved, or that the task's failure ends, stands still from there on:
+    `Trajectory.failures` says what overlaps in the state that has no next one. States are recorded in single
+    precision of their distance from the start.
+
+    Args:
+        task: whose disturbances say when kicks are, what is pushed, and what is drawn in single steps.
+        policy: as of a sweep.
+        worlds: with their numbers, from which noise of single steps follows.
+        case: options of the steps; None: the task's.
+        seed: of the noise of single steps.
+        step_size: [s]; None: the one that the worlds have, or the scene's.
+        dtype, device, strategy: as of a `Simulator`.
+
+    Raises:
+        ArgumentError: worlds with several step sizes, or of another shape than the task needs.
+    """
+    checks.instance("task", task, Task, "a slcp_warp.Task")
+    given = checks.instance("worlds", worlds, Worlds, "slcp_warp.Worlds").numpy()
+    options = task.options if case is None else checks.instance("case", case, Options, "slcp_warp.Options")
+    sizes = given.step_sizes(task.scene.step_size)
+    if len(sizes) > 1:
+        raise ArgumentError(f"worlds have {len(sizes)} step sizes; one is needed")
+    h = sizes[0] if step_size is None else checks.number("step_size", step_size, 0.0, above=True)
+    given = given.at_step_size(h)
+    assert task.duration is not None
+    sim = Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
+    steps = nearest_steps("Task.duration", task.duration, h)
+    checks.memory("worlds: their states", len(given) * (steps + 1) * sim.nx, 4, sim.device)
+    judged = [] if task.failure is None else [first_time(task.failure)]
+    run = case_of(
+        task, sim, policy, Given(sim, task, given, h), judged, h, worlds=len(given), duration=steps * h,
+        seed=checks.whole("seed", seed, 0), record=Recorded(tuple(range(sim.nx)), h),
+    )  # fmt: skip
+    found = run.launch(0, len(given))
+    states = given.x0[:, None] + found["records"].astype(float)
+    parameters = sim.params
+    if given.params is not None:
+        layout = sim.params.layout
+        own = {
+            name: given.params[:, start : start + int(np.prod(shape, dtype=int))].reshape(len(given), *shape)
+            for name, start, shape in layout.columns
+        }
+        parameters = Parameters(sim.scene).replace(**own)
+    return Trajectory(states, found["status"], simulated=Simulated.of(sim, parameters), _measured=sim.gaps)
