@@ -94,13 +94,14 @@ class Structure:
     pairs: tuple[PairStructure, ...]
     lower: tuple[bool, ...]
     upper: tuple[bool, ...]
-    actuators: tuple[int, ...]
+    actuators: tuple[int, ...]  # the degree of freedom that each drives, or -1 less its tendon
     sprung: tuple[int, ...] = ()  # degrees of freedom with a joint spring
     springs: tuple[tuple[int, int], ...] = ()  # bodies that a spring ties
     uncertain: bool = False  # whether there are covariances of the state, eq. (18)
     implicit_damping: bool = False  # whether dampers act with the velocity at the end of a step
     implicit_stiffness: bool = False  # whether Euler's step meets springs half a step on; only where some are
     armature: tuple[int, ...] = ()  # degrees of freedom whose coordinate has an inertia of its own
+    tendons: tuple[tuple[int, ...], ...] = ()  # the degrees of freedom of each, once and ascending
 
     @property
     def nb(self) -> int:
@@ -173,11 +174,36 @@ class Structure:
         """Bodies that a spring ties in what stands for M."""
         return self.springs if self.implicit_damping or self.implicit_stiffness else ()
 
+    @property
+    def joined(self) -> tuple[tuple[int, ...], ...]:
+        """Degrees of freedom that a tendon ties in what stands for M."""
+        return self.tendons if self.implicit_damping or self.implicit_stiffness else ()
+
+    def tendon_start(self, tendon: int) -> int:
+        """Where the coefficients of a tendon begin among those of all."""
+        return sum(len(dofs) for dofs in self.tendons[:tendon])
+
+    def driven_tendon(self, actuator: int) -> int:
+        """The tendon that an actuator drives; -1: it drives a degree of freedom."""
+        return max(-1, -1 - self.actuators[actuator])
+
+    def driven(self, actuator: int) -> tuple[int, ...]:
+        """The degrees of freedom that an actuator drives."""
+        dof = self.actuators[actuator]
+        return (dof,) if dof >= 0 else self.tendons[-1 - dof]
+
+    @property
+    def driven_bodies(self) -> frozenset[int]:
+        """The bodies of the joints that actuators drive."""
+        return frozenset(self.dof_body[dof] for i in range(self.nu) for dof in self.driven(i))
+
     def coupled(self, i: int, j: int) -> bool:
         """Whether M[i, j], or what stands for M, can differ from zero.
 
-        It can where both move some body, or the ends of some spring that is met late.
+        It can where both move some body, or the ends of some spring that is met late, or such a tendon.
         """
+        if any(i in dofs and j in dofs for dofs in self.joined):
+            return True
         groups = [{b} for b in range(self.nb)]
         groups += [set(spring) for spring in self.ties]
         return any(
@@ -248,6 +274,10 @@ def layout(s: Structure) -> Layout:
             "spring_length": (n,),
             "spring_point": (n, 2, 2),
         }
+    if s.tendons:
+        n = len(s.tendons)
+        shapes |= {"tendon_stiffness": (n,), "tendon_damping": (n,), "tendon_length": (n,)}
+        shapes |= {"tendon_coefficient": (sum(map(len, s.tendons)),)}
     if s.armature:
         shapes |= {"armature": (s.nv,)}
     if s.uncertain:

@@ -10,7 +10,7 @@ require_installed(__name__, __path__[0])
 
 from . import costs, measures, policies, runs, scenes, tasks
 from .description.mjcf import MjcfError, load_mjcf
-from .description.parts import Actuator, Body, Contact, Shape, Spring, box, touching
+from .description.parts import Actuator, Body, Contact, Shape, Spring, Tendon, box, touching
 from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
 from .ensembles.outcome import Report
@@ -89,6 +89,7 @@ __all__ = [
     "TaskError",
     "TaskFileError",
     "Trajectory",
+    "Tendon",
     "Uniform",
     "Worlds",
     "box",

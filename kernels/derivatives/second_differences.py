@@ -13,6 +13,7 @@ import warp as wp
 
 from ..device.compile import specialised
 from ..factories import cached
+from ..mechanism.tendons import make_drive
 from ..residual.smoothing import HARD_LAYER, LARGEST_LAYER, REACH
 from ..specialisation import Specialisation
 from ..status import NOT_CONVERGED, SOLVED
@@ -35,6 +36,7 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
     batch = make_batch(exact, False)
     NV, NX, NU, NR, NZ = s.nv, 2 * s.nv, s.nu, s.nr, linear.NZ
     NW = 2 * NV if method.trapezoidal else NV
+    drives, VQ = tuple(make_drive(s, j, real) for j in range(s.nu)), step.types.VQ
     VX, VU, VZ = step.types.VX, step.types.VU, wp.types.vector(linear.NZ, real)
     DV, DW = linear.DV, wp.types.matrix((NW, NZ), real)
     ZERO, HALF, ONE, TWO, EIGHT, TWELVE = (real(x) for x in (0.0, 0.5, 1.0, 2.0, 8.0, 12.0))
@@ -57,8 +59,11 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
             out[j] = PART * h * layer
             out[wp.static(NV + j)] = PART * layer
         for j in range(wp.static(NU)):
-            a = wp.static(s.actuators[j])
-            reaction = wp.abs(world.params[wp.static(GEAR + j)]) * sol.minv[a, a] * h
+            push = wp.static(drives[j].push)(world, world.params[wp.static(GEAR + j)] * h, VQ())
+            reaction = real(0.0)
+            for a in range(wp.static(NV)):
+                if wp.static(a in s.driven(j)):
+                    reaction += wp.abs(push[a]) * sol.minv[a, a]
             out[wp.static(NX + j)] = PART * wp.min(layer / wp.max(reaction, real(1e-6)), ONE)
         return out
 

@@ -86,6 +86,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         mech.frames(t, k)
         mech.dynamics(t, k, external, world)
         mech.springs(t, k)
+        mech.tendons(t, k)
 
     @wp.func(inline=False)
     def free_motion(t: wp.ref[Topology], k: wp.ref[Slot]):

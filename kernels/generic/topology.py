@@ -4,11 +4,12 @@ The degrees of freedom of a tree, from its leaves to its root, are cut into *blo
 missing is padded: M has a one there, rows have nothing). Vectors of the solver are arrays of vec3 by block,
 matrices arrays of mat33 by the rows of a lower envelope of blocks: block (i, j), j >= first[i], at index
 at[i] + j. A *unit* is a diagonal part of M: a tree, or with implicit damping (M + h C stands for M
-throughout) trees that springs tie to each other; its blocks follow one another. Blocks are numbered in a
-static order (reverse Cuthill and McKee on the graph of all contact pairs); the order in which a step
-eliminates them is made from the pairs that are near (`order.py`).
+throughout) trees that springs and tendons tie to each other; its blocks follow one another. Blocks are
+numbered in a static order (reverse Cuthill and McKee on the graph of all contact pairs); the order in which a
+step eliminates them is made from the pairs that are near (`order.py`).
 """
 
+import itertools
 from dataclasses import dataclass
 
 import warp as wp
@@ -35,6 +36,7 @@ NUMBERS = (
     "upper", "gear", "friction", "radius", "shape_offset", "shape_angle",
     "stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point", "armature",
     "corner_radius", "restitution",
+    "tendon_stiffness", "tendon_damping", "tendon_length", "tendon_coefficient",
 )  # fmt: skip
 
 
@@ -54,6 +56,7 @@ class Topology:
     room: int  # blocks of a matrix M + J' W J that there is room for
     sprung: int  # dofs with a joint spring
     springs: int
+    tendons: int
     rotors: int  # dofs with an inertia of their own (armature)
     bounces: int  # 1: pairs have a restitution
     inertia_scaling: int
@@ -77,9 +80,11 @@ class Topology:
     unit_start: wp.array(dtype=wp.int32)  # (units + 1) first block
     mass_first: wp.array(dtype=wp.int32)  # (blocks) envelope of M
     mass_at: wp.array(dtype=wp.int32)
-    actuator: wp.array(dtype=wp.int32)  # (nu) dof
+    actuator: wp.array(dtype=wp.int32)  # (nu) dof, or -1 less a tendon
     sprung_dof: wp.array(dtype=wp.int32)  # (sprung)
     spring_body: wp.array(dtype=wp.int32)  # (2 springs)
+    tendon_start: wp.array(dtype=wp.int32)  # (tendons + 1) coefficients
+    tendon_dof: wp.array(dtype=wp.int32)  # their dofs
     rotor_dof: wp.array(dtype=wp.int32)  # (rotors)
     shape_body: wp.array(dtype=wp.int32)
     shape_turned: wp.array(dtype=wp.int32)
@@ -141,6 +146,7 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     out["columns"] = [lay.offset(name) if name in lay.names else -1 for name in NUMBERS]
     out["sprung_dof"] = list(s.sprung)
     out["rotor_dof"] = list(s.armature)
+    out["tendon_start"], out["tendon_dof"] = _ragged([list(dofs) for dofs in s.tendons])
     out["spring_body"] = [body for spring in s.springs for body in spring]
     chains = [[j for j in range(s.nv) if s.in_chain(b, j)] for b in range(s.nb)]
     out["parent"] = [b.parent for b in s.bodies]
@@ -197,7 +203,8 @@ def make_topology(s: Structure, inertia_scaling: bool, coulomb: bool, device: ob
     out.units, out.limits = len(lists["unit_start"]) - 1, len(lists["limit_row"])
     out.items, out.planes = (sizes.items, sizes.planes) if items_first(s) else (0, 0)
     out.pair_bits = bits_of(len(s.pairs))
-    out.sprung, out.springs, out.rotors = len(s.sprung), len(s.springs), len(s.armature)
+    out.sprung, out.springs, out.tendons = len(s.sprung), len(s.springs), len(s.tendons)
+    out.rotors = len(s.armature)
     out.bounces = int(s.bounces)
     out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
     out.implicit_damping, out.implicit_stiffness = int(s.implicit_damping), int(s.implicit_stiffness)
@@ -239,13 +246,15 @@ def _trees(s: Structure) -> list[int]:
 
 
 def _ties(s: Structure, tree: list[int]) -> dict[int, set[int]]:
-    """Trees that springs couple in what stands for M with each tree."""
+    """Trees that springs and tendons couple in what stands for M with each tree."""
     root = dict(zip(s.dof_body, tree, strict=True))
     out: dict[int, set[int]] = {t: set() for t in tree}
-    for a, b in s.ties:
-        if a != WORLD and b != WORLD and root[a] != root[b]:
-            out[root[a]].add(root[b])
-            out[root[b]].add(root[a])
+    tied = [(root[a], root[b]) for a, b in s.ties if a != WORLD and b != WORLD]
+    tied += [(tree[i], tree[j]) for dofs in s.joined for i, j in itertools.combinations(dofs, 2)]
+    for a, b in tied:
+        if a != b:
+            out[a].add(b)
+            out[b].add(a)
     return out
 
 

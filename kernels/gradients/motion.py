@@ -14,6 +14,7 @@ from ..specialisation import Specialisation
 from ..structure import layout
 from .places import below, make_places
 from .springs import make_spring_gradient
+from .tendons import make_drive_gradient, make_tendon_gradient
 
 
 @cached
@@ -31,6 +32,8 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
     MASS, INERTIA = col["mass"], col["inertia"]
     subtree = tuple(tuple(b for b in range(NB) if below(s, b, k)) for k in range(NB))
     springs = tuple(make_spring_gradient(s, i, dtype) for i in range(len(s.springs)))
+    springs += tuple(make_tendon_gradient(s, i, dtype).pulling for i in range(len(s.tendons)))
+    drives = tuple(make_drive_gradient(s, i, dtype) for i in range(s.nu))
 
     @wp.struct
     class Motion:
@@ -170,7 +173,7 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
 
     @wp.func
     def dampers(world: t.World, pose: t.Pose, p: VQ, y: VQ, share: dtype, grad: wp.array(dtype=dtype)):
-        """Adds the derivative of P.C y, and of a share of what springs between points pull along P."""
+        """Adds the derivative of P.C y, and of a share of what springs and tendons pull along P."""
         if wp.static(s.implicit_damping):
             for j in range(wp.static(s.nv)):
                 add(grad, wp.static(col["damping"] + j), p[j] * y[j])
@@ -222,6 +225,6 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         elif wp.static(len(springs) > 0):
             dampers(world, pose, m.p, m.h * m.v, m.h, grad)
         for i in range(wp.static(s.nu)):
-            add(grad, wp.static(col["gear"] + i), -m.h * m.p[wp.static(s.actuators[i])] * u[i])
+            wp.static(drives[i])(world, m.h, m.p, u[i], grad)
 
     return SimpleNamespace(Motion=Motion, moving=moving, dampers=dampers, linear=linear)

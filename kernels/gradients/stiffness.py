@@ -15,6 +15,7 @@ from ..mechanism.stiff_springs import SHARE, make_stiff_spring
 from ..specialisation import Specialisation
 from ..structure import Structure, layout
 from .places import make_places
+from .tendons import make_tendon_gradient
 
 
 @cached
@@ -22,7 +23,7 @@ def make_stiff_gradient(spec: Specialisation) -> Callable | None:
     """gradient(world, pose, P, w, grad): adds the derivative by every column; None where N has no K."""
     s, dtype, _ = spec
     mass = make_effective_mass(spec)
-    if not mass.stiff_joints and not mass.stiff_springs:
+    if not mass.stiff_joints and not mass.stiff_springs and not mass.stiff_tendons:
         return None
     places = make_places(s, dtype)
     t = make_types(s, dtype)
@@ -32,6 +33,7 @@ def make_stiff_gradient(spec: Specialisation) -> Callable | None:
     PART, ZERO, TWO = dtype(SHARE), dtype(0.0), dtype(2.0)
     add = places.add
     springs = tuple(make_stiff_spring_gradient(s, i, dtype) for i in range(len(mass.stiff_springs)))
+    tendons = tuple(make_tendon_gradient(s, i, dtype) for i in range(len(mass.stiff_tendons)))
 
     @wp.func
     def gradient(world: t.World, pose: t.Pose, p: VQ, w: VQ, grad: wp.array(dtype=dtype)):
@@ -43,6 +45,8 @@ def make_stiff_gradient(spec: Specialisation) -> Callable | None:
                     add(grad, wp.static(STIFFNESS + j), share * p[j] * w[j])
         for i in range(wp.static(len(springs))):
             wp.static(springs[i])(world, pose, p, w, share, grad)
+        for i in range(wp.static(len(tendons))):
+            wp.static(tendons[i].stiffness)(world, p, w, share, grad)
         slope = wp.static(mass.stiff)(world, pose.frames, TWO * PART * h, MQ())
         add(grad, wp.static(H), wp.dot(p, slope * w))
 

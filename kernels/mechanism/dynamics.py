@@ -12,6 +12,7 @@ from ..factories import cached
 from ..structure import Structure, layout
 from .kinematics import make_kinematics, make_types
 from .springs import make_spring
+from .tendons import make_drive, make_tendon
 
 # of a diagonal entry of M that may be left of it by elimination: below, M^-1 has too few digits for the
 # equation of motion to hold to a per cent
@@ -33,6 +34,8 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
     STIFFNESS, REST = (lay.offset(n) if s.sprung else 0 for n in ("stiffness", "rest"))
     ARMATURE = lay.offset("armature") if s.armature else 0
     springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
+    tendons = tuple(make_tendon(s, i, dtype) for i in range(len(s.tendons)))
+    drives = tuple(make_drive(s, i, dtype) for i in range(s.nu))
     jacobian_of = tuple(kin.point_jacobian(b) for b in range(NB))
 
     @wp.func
@@ -106,7 +109,7 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
 
     @wp.func
     def force(world: t.World, pose: t.Pose, v: VQ):
-        """r(q, v): gravity, centripetal and Coriolis terms, joint damping and stiffness, springs."""
+        """r(q, v): gravity, centripetal and Coriolis terms, joint damping and stiffness, springs, tendons."""
         out = VQ()
         jac = pose.jacobians
         gx = world.params[wp.static(GRAVITY)]
@@ -133,6 +136,8 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
                     )
         for i in range(wp.static(len(springs))):
             out = wp.static(springs[i].force)(world, pose.frames, v, out)
+        for i in range(wp.static(len(tendons))):
+            out = wp.static(tendons[i].force)(world, pose.q, v, out)
         return out
 
     @wp.func
@@ -140,9 +145,7 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
         """Generalised force of the actuators."""
         out = VQ()
         for i in range(wp.static(s.nu)):
-            out[wp.static(s.actuators[i])] = (
-                out[wp.static(s.actuators[i])] + world.params[wp.static(GEAR + i)] * u[i]
-            )
+            out = wp.static(drives[i].push)(world, world.params[wp.static(GEAR + i)] * u[i], out)
         return out
 
     @wp.func

@@ -14,6 +14,7 @@ from ..structure import REVOLUTE, Structure, layout
 from .dynamics import make_mechanism
 from .kinematics import make_second
 from .springs import make_spring
+from .tendons import make_tendon
 
 
 @cached
@@ -32,6 +33,7 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
     MASS, GRAVITY, DAMPING = lay.offset("mass"), lay.offset("gravity"), lay.offset("damping")
     STIFFNESS = lay.offset("stiffness") if s.sprung else 0
     springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
+    tendons = tuple(make_tendon(s, i, dtype) for i in range(len(s.tendons)))
     rev = tuple(kind == REVOLUTE for kind in s.dof_kind)
     second = tuple(make_second(s, b, dtype) for b in range(NB))
     met_late = s.implicit_damping
@@ -145,6 +147,8 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
         for j in range(wp.static(NV)):
             if wp.static(j in s.sprung):
                 out[j, j] = out[j, j] + h * world.params[wp.static(STIFFNESS + j)]
+        for i in range(wp.static(len(tendons))):
+            out = wp.static(tendons[i].stiffness)(world, h, out)
         if wp.static(len(springs) > 0):
             if h != ZERO:
                 y = damped_velocity(world, v, w, h)
@@ -170,6 +174,8 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
         if wp.static(not undamped):
             for i in range(wp.static(len(springs))):
                 out = wp.static(springs[i].by_v)(world, pose.frames, h, out)
+            for i in range(wp.static(len(tendons))):
+                out = wp.static(tendons[i].damping)(world, h, out)
         return out
 
     @wp.func

@@ -1,15 +1,15 @@
 """The matrix that stands in the place of M where a step's velocity is solved, and its derivatives.
 
-With implicit damping the forces -C v of joint dampers (diagonal) and of dampers between points (c a a'/s
-each, notation of `springs.py`, so that C depends on q) are met at the end of the step, F1 = N (v' - v)
-- h (r + u) - J' lambda with r(q, v) at its start (M22):
+With implicit damping the forces -C v of joint dampers (diagonal), of tendons (`tendons.py`) and of dampers
+between points (c a a'/s each, notation of `springs.py`, so that C depends on q) are met at the end of the
+step, F1 = N (v' - v) - h (r + u) - J' lambda with r(q, v) at its start (M22):
 
     euler:        N = M + h C, so that v' = v/(1 + x) for one damper, x = h c/m;
     trapezoidal:  N = K + B K^-1 B, B = h/2 C, K = M + B: v' = v/(1 + x + x^2/2), the Pade approximant of
                   e^-x that is of second order and decays for every x without a change of sign.
 
-With implicit stiffness Euler's N has h^2/2 K beside this, K of joint springs (diagonal) and of springs
-between points (`stiff_springs.py`): their forces are met at q + h/2 (v' - v) (M50).
+With implicit stiffness Euler's N has h^2/2 K beside this, K of joint springs (diagonal), of tendons and of
+springs between points (`stiff_springs.py`): their forces are met at q + h/2 (v' - v) (M50).
 
 All are symmetric and positive definite; contact impulses act through N^-1, D = diag(J N^-1 J'). Where
 all is explicit, as in the paper, N = M. With y_X = K^-1 B X the trapezoidal rule's L.N R = L.K R
@@ -27,6 +27,7 @@ from .dynamics import make_mechanism
 from .dynamics_derivatives import make_mechanism_derivatives
 from .springs import make_spring
 from .stiff_springs import SHARE, make_stiff_spring
+from .tendons import make_tendon
 
 
 @cached
@@ -46,14 +47,17 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
     H, DAMPING = lay.offset("step_size"), lay.offset("damping")
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
     springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
+    tendons = tuple(make_tendon(s, i, dtype) for i in range(len(s.tendons)))
     implicit, trapezoidal = s.implicit_damping, s.implicit_damping and method.trapezoidal
     damped_springs = implicit and len(springs) > 0
     stiff_joints = s.sprung if s.implicit_stiffness and not method.trapezoidal else ()
     STIFFNESS = lay.offset("stiffness") if stiff_joints else 0
+    stiff_tendons = tendons if s.implicit_stiffness and not method.trapezoidal else ()
     stiff_springs = tuple(
         make_stiff_spring(s, i, dtype)
         for i in range(len(springs) if s.implicit_stiffness and not method.trapezoidal else 0)
     )
+    stiffened = bool(stiff_joints or stiff_springs or stiff_tendons)
     PART = dtype(SHARE)
 
     @wp.func
@@ -63,6 +67,8 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
             out[j, j] = out[j, j] + h * world.params[wp.static(DAMPING + j)]
         for i in range(wp.static(len(springs))):
             out = wp.static(springs[i].by_v)(world, fr, h, out)
+        for i in range(wp.static(len(tendons))):
+            out = wp.static(tendons[i].damping)(world, h, out)
         return out
 
     @wp.func
@@ -73,6 +79,8 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
                 out[j, j] = out[j, j] + share * wp.max(world.params[wp.static(STIFFNESS + j)], ZERO)
         for i in range(wp.static(len(stiff_springs))):
             out = wp.static(stiff_springs[i].matrix)(world, fr, share, out)
+        for i in range(wp.static(len(stiff_tendons))):
+            out = wp.static(stiff_tendons[i].stiff)(world, share, out)
         return out
 
     @wp.func
@@ -121,7 +129,7 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
         out = wp.static(mech.mass_matrix)(world, pose.jacobians)
         if wp.static(implicit):
             out = drag(world, pose.frames, world.params[wp.static(H)], out)
-        if wp.static(len(stiff_joints) + len(stiff_springs) > 0):
+        if wp.static(stiffened):
             h = world.params[wp.static(H)]
             out = stiff(world, pose.frames, PART * h * h, out)
         return out
@@ -172,6 +180,7 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
         stiff_hessian=stiff_hessian,
         stiff_joints=stiff_joints,
         stiff_springs=stiff_springs,
+        stiff_tendons=stiff_tendons,
         drag_by_q=drag_by_q,
         drag_hessian=drag_hessian,
         damped_springs=damped_springs,

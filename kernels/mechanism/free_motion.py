@@ -32,6 +32,7 @@ from ..structure import layout
 from .dynamics import make_mechanism
 from .dynamics_derivatives import make_mechanism_derivatives
 from .effective_mass import make_effective_mass
+from .tendons import make_drive
 
 UNIT = {wp.float64: 1.1e-16, wp.float32: 6e-8}  # a rounding
 ROUNDS = 10.0  # roundings of an entry of E, which is a sum of products, beside those of a
@@ -106,6 +107,7 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
     mech = make_mechanism(s, dtype)
     motion = make_mechanism_derivatives(s, dtype, method.trapezoidal)
     mass = make_effective_mass(spec)
+    drives = tuple(make_drive(s, i, dtype) for i in range(s.nu))
     lu = make_elimination(s.nv, dtype)
     t = mech.types
     lay = layout(s)
@@ -185,7 +187,10 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
                 out[j, k] = -by_q[j, k]
                 out[j, wp.static(NV + k)] = effective[j, k] - by_v[j, k]
         for k in range(wp.static(NU)):
-            out[wp.static(s.actuators[k]), wp.static(2 * NV + k)] = h * world.params[wp.static(GEAR + k)]
+            push = wp.static(drives[k].push)(world, h * world.params[wp.static(GEAR + k)], VQ())
+            for j in range(wp.static(NV)):
+                if wp.static(j in s.driven(k)):
+                    out[j, wp.static(2 * NV + k)] = push[j]
         return out
 
     @wp.func
@@ -258,11 +263,8 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
                 out[j, wp.static(NV + k)] = dv[j]
             out[k, wp.static(NV + k)] = out[k, wp.static(NV + k)] + ONE
         for k in range(wp.static(NU)):
-            g = VQ()
-            for j in range(wp.static(NV)):
-                g[j] = -pull[j, wp.static(s.actuators[k])]
-            g[wp.static(s.actuators[k])] = g[wp.static(s.actuators[k])] + h
-            g = world.params[wp.static(GEAR + k)] * g
+            drive = wp.static(drives[k].push)(world, world.params[wp.static(GEAR + k)], VQ())
+            g = h * drive - pull * drive
             for j in range(wp.static(NV)):
                 g[j] = g[j] + push[j, wp.static(2 * NV + k)]
             du = wp.static(lu.refined)(e, factor, g, solves)

@@ -248,7 +248,7 @@ class Engine:
         knobs = [vars(k) | {"value": values[k.name]} for k in self.knobs.values()]
         return {
             "hello": self.worlds.subject.name, "shapes": shapes, "knobs": knobs,
-            "driven": sorted({scene.structure.dof_body[d] for d in scene.structure.actuators}),
+            "driven": sorted(scene.structure.driven_bodies),
             "policies": list(self.policies), "variants": list(self.worlds.sims),
             "pushes": list(self.pushes), "worlds": len(self.worlds.state),
             "states": list(scene.state_names), "controls": list(scene.control_names),

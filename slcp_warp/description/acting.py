@@ -54,6 +54,11 @@ def parts_of(scene: Scene, name: str) -> list[str]:
         return [shape.name for shape in scene.shapes]
     if name.startswith("spring_"):
         return list(scene.spring_names)
+    if name == "tendon_coefficient":
+        return [f"{tendon.name} {scene.state_names[j]}"
+                for tendon, dofs in zip(scene.tendons, scene.structure.tendons) for j in dofs]  # fmt: skip
+    if name.startswith("tendon_"):
+        return [tendon.name for tendon in scene.tendons]
     of = {"gear": scene.control_names, "sigma": scene.row_names}
     of |= dict.fromkeys(OF_PAIRS, scene.pair_names)
     return list(of.get(name, ()))

@@ -31,11 +31,11 @@ class Fields:
     def _put(self, name: str, value: Any) -> None:
         object.__setattr__(self.item, name, value)  # the classes are frozen
 
-    def text(self, name: str, optional: bool = False) -> None:
-        """A name, not empty, of printable characters, or (optional) None."""
+    def text(self, name: str, optional: bool = False, none: str = " for the world") -> None:
+        """A name, not empty, of printable characters, or (optional) None, which stands for `none`."""
         value, label = self._get(name)
         if not (value is None and optional or isinstance(value, str) and value and value.isprintable()):
-            need = "a name, or None for the world," if optional else "a name"
+            need = f"a name, or None{none}," if optional else "a name"
             need += " of printable characters" if isinstance(value, str) and value else ""
             raise SceneError(f"{label} is {shown(value)}; {need} is needed")
 

@@ -2,7 +2,7 @@
 
 A degree of freedom is named after its body: `finger1.angle` of a revolute joint, `cart.shift` of a prismatic
 one, `block.x`, `block.y`, `block.angle` of a free body; its velocity has a v before the last word,
-`block.vx`, `finger1.vangle`. A control is named after the degree of freedom that it drives.
+`block.vx`, `finger1.vangle`. A control is named after the degree of freedom or the tendon that it drives.
 """
 
 import difflib
@@ -16,7 +16,7 @@ from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 
 if TYPE_CHECKING:
-    from .parts import Body, Shape, Spring
+    from .parts import Body, Shape, Spring, Tendon
 
 DOFS = {"revolute": ("angle",), "prismatic": ("shift",), "free": ("x", "y", "angle")}
 UNITS = {"angle": "rad", "shift": "m", "x": "m", "y": "m"}
@@ -44,9 +44,13 @@ def state_units(bodies: Sequence["Body"]) -> tuple[str, ...]:
     return tuple(units + [f"{unit}/s" for unit in units])
 
 
-def control_names(bodies: Sequence["Body"], structure: Structure) -> tuple[str, ...]:
-    """Names of the nu controls; the second one on a degree of freedom has a #2 behind it, and so on."""
-    positions = state_names(bodies)
+def control_names(
+    bodies: Sequence["Body"], structure: Structure, tendons: Sequence["Tendon"] = ()
+) -> tuple[str, ...]:
+    """Names of the nu controls; the second one on a degree of freedom or tendon has a #2 behind it, and so
+    on.
+    """
+    positions = (*state_names(bodies)[: structure.nv], *(tendon.name for tendon in reversed(tendons)))
     names: list[str] = []
     for place, dof in enumerate(structure.actuators):
         before = structure.actuators[:place].count(dof)

@@ -17,13 +17,13 @@ def scene_line(scene: Any) -> str:
         counted(s.nu, "control"),
         counted(s.nr, "row"),
     ]
-    springs = (s.sprung or s.springs) and not scene.implicit_stiffness
+    springs = (s.sprung or s.springs or s.tendons) and not scene.implicit_stiffness
     rule = "; explicit springs" if springs else ""
     return f"{scene.name!r}: {', '.join(parts)}; h = {scene.step_size:g} s{rule}"
 
 
 def scene_tables(scene: Any) -> list[Table]:
-    """Bodies, shapes, contacts, actuators and springs."""
+    """Bodies, shapes, contacts, actuators, springs and tendons."""
 
     def world(name: str | None) -> str:
         return "(world)" if name is None else name
@@ -35,10 +35,17 @@ def scene_tables(scene: Any) -> list[Table]:
     ]
     controls = [(name, a.gear) for name, a in zip(scene.control_names, scene.actuators)]
     springs = [(world(s.body_a), world(s.body_b), s.stiffness, s.damping) for s in scene.springs]
+    tendons = [(t.name, _sum(t), t.stiffness, t.damping) for t in scene.tendons]
     return [
         Table("bodies", ("body", "parent", "joint", "mass", "inertia", "damping"), bodies, left=3),
         Table("shapes", ("shape", "body", "kind", "radius", "offset"), shapes, left=3),
         Table("contacts", ("shape", "and shape", "friction"), contacts, left=2),
         Table("controls", ("control", "gear"), controls),
         Table("springs", ("body", "and body", "stiffness", "damping"), springs, left=2),
+        Table("tendons", ("tendon", "length", "stiffness", "damping"), tendons, left=2),
     ]
+
+
+def _sum(tendon: Any) -> str:
+    """The length of a tendon, written out."""
+    return " + ".join(f"{c:g} {name}" for c, name in zip(tendon.coefficients, tendon.coordinates))

@@ -1,4 +1,4 @@
-"""The parts of a scene: bodies with their joints, shapes on them, contacts, actuators and springs.
+"""The parts of a scene: bodies with their joints, shapes on them, contacts, actuators, springs, tendons.
 
 Every part is checked when it is made (`SceneError`); its numbers obey the rules of `inputs/rules.py`, which
 hold for `Parameters.replace` and for files, too, and are kept as floats and tuples of floats.
@@ -173,23 +173,34 @@ class Contact:
 
 @dataclass(frozen=True)
 class Actuator:
-    """A control that pushes one degree of freedom with the force gear * u.
+    """A control that pushes one degree of freedom, or pulls at a tendon, with the force gear * u.
 
     Attributes:
-        body: whose joint is driven.
+        body: whose joint is driven; None: a tendon is.
         dof: which degree of freedom of that joint, from 0.
         gear: force or torque per unit of control.
+        tendon: name of the tendon that is pulled to the side on which its length grows: coordinate j feels
+            c_j gear * u.
     """
 
-    body: str
+    body: str | None = None
     dof: int = 0
     gear: float = 1.0
+    tendon: str | None = None
 
     def __post_init__(self) -> None:
-        Fields(self, "actuator, ").text("body")
-        fields = Fields(self, f"actuator on {self.body!r}: ")
+        for name in ("body", "tendon"):
+            Fields(self, "actuator, ").text(name, optional=True, none="")
+        if (self.body is None) == (self.tendon is None):
+            raise SceneError(
+                f"actuator, body is {shown(self.body)} and tendon is {shown(self.tendon)}; one of them is "
+                "needed"
+            )
+        fields = Fields(self, f"actuator on {self.body or self.tendon!r}: ")
         fields.whole("dof")
         fields.number("gear")
+        if self.tendon is not None and self.dof:
+            raise SceneError(f"actuator on {self.tendon!r}: dof is {self.dof}; a tendon has none")
 
 
 @dataclass(frozen=True)
@@ -223,6 +234,47 @@ class Spring:
             fields.pair(name, "spring_point")
         for name in ("stiffness", "damping", "length"):
             fields.number(name, f"spring_{name}")
+
+
+@dataclass(frozen=True)
+class Tendon:
+    """A spring and damper of a weighted sum of coordinates, l = sum_j c_j q_j: fingers that close together, a
+    belt, a gear that yields, a tendon over pulleys.
+
+    The force along l is stiffness (l - length) + damping dl/dt, and coordinate j feels -c_j times it (M57).
+
+    Attributes:
+        name: unique among tendons, and no coordinate's.
+        coordinates: by their names, `left.shift`, at least one, each once.
+        coefficients: c_j of each [m/rad, 1, ...], not 0.
+        stiffness: per unit of l [N/m, N m/rad]; a negative one pushes apart. A stiff one ties coordinates: it
+            is met half a step late (`Scene.implicit_stiffness`), so that any is stable.
+        damping: >= 0, per unit of dl/dt.
+        length: l where nothing is pulled.
+    """
+
+    name: str
+    coordinates: tuple[str, ...]
+    coefficients: tuple[float, ...]
+    stiffness: float = 0.0
+    damping: float = 0.0
+    length: float = 0.0
+
+    def __post_init__(self) -> None:
+        Fields(self, "tendon, ").text("name")
+        label = f"tendon {self.name!r}: "
+        fields = Fields(self, label)
+        given = self.coordinates
+        if not isinstance(given, list | tuple) or not given or not all(isinstance(n, str) for n in given):
+            raise SceneError(f"{label}coordinates is {shown(given)}; names of coordinates are needed")
+        if len(set(given)) < len(given):
+            raise SceneError(f"{label}coordinates is {shown(given)}; each of them once is needed")
+        object.__setattr__(self, "coordinates", tuple(given))
+        if self.coefficients is None:
+            raise SceneError(f"{label}coefficients is None; {len(given)} numbers are needed")
+        fields.entries("coefficients", len(given), "tendon_coefficient")
+        for name in ("stiffness", "damping", "length"):
+            fields.number(name, f"tendon_{name}")
 
 
 def spread(value: Any, i: int, default: Any) -> Any:

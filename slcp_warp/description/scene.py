@@ -21,10 +21,17 @@ from . import names
 from .auto_contacts import AUTO, auto_contacts, check_excluded
 from .fields import Fields
 from .overview import scene_line, scene_tables
-from .parts import JOINTS, Actuator, Body, Contact, Pair2, Shape, Spring, radii, spread
+from .parts import JOINTS, Actuator, Body, Contact, Pair2, Shape, Spring, Tendon, radii, spread
 from .topology import contact_ends, structure_of
 
-PARTS = {"bodies": Body, "shapes": Shape, "contacts": Contact, "actuators": Actuator, "springs": Spring}
+PARTS = {
+    "bodies": Body,
+    "shapes": Shape,
+    "contacts": Contact,
+    "actuators": Actuator,
+    "springs": Spring,
+    "tendons": Tendon,
+}
 
 
 @dataclass(frozen=True, repr=False)
@@ -34,7 +41,7 @@ class Scene(Printed):
     Attributes:
         name: for messages, charts and files.
         bodies: parents before children.
-        shapes, actuators, springs: see the classes.
+        shapes, actuators, springs, tendons: see the classes.
         contacts: the pairs of shapes that may touch; "auto": all, but those of one body, of bodies that a
             joint ties to each other, and what `excluded` and the shapes' `contype` leave out
             (`auto_contacts.py` has the rules, which are MuJoCo's). `all_contacts` has the pairs.
@@ -70,6 +77,7 @@ class Scene(Printed):
     excluded: tuple[tuple[str, str], ...] = ()
     implicit_stiffness: bool = True
     restitution: float | None = None
+    tendons: tuple[Tendon, ...] = ()
     structure: Structure = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -108,7 +116,7 @@ class Scene(Printed):
     def _structure(self) -> Structure:
         if not self.bodies:
             raise SceneError(f"bodies: scene {self.name!r} has none; it needs at least one")
-        parts = self.bodies, self.shapes, self.all_contacts, self.actuators, self.springs
+        parts = self.bodies, self.shapes, self.all_contacts, self.actuators, self.springs, self.tendons
         return structure_of(*parts, self.implicit_damping, self.implicit_stiffness)
 
     def _line(self) -> str:
@@ -157,8 +165,8 @@ class Scene(Printed):
 
     @property
     def control_names(self) -> tuple[str, ...]:
-        """Names of the controls, (nu,): those of the degrees of freedom that they drive."""
-        return names.control_names(self.bodies, self.structure)
+        """Names of the controls, (nu,): those of the degrees of freedom and tendons that they drive."""
+        return names.control_names(self.bodies, self.structure, self.tendons)
 
     @property
     def spring_names(self) -> tuple[str, ...]:
@@ -240,6 +248,12 @@ class Scene(Printed):
             for name in ("stiffness", "damping", "length"):
                 values[f"spring_{name}"] = np.array([getattr(sp, name) for sp in self.springs], float)
             values["spring_point"] = np.array([(sp.point_a, sp.point_b) for sp in self.springs], float)
+        if s.tendons:
+            for name in ("stiffness", "damping", "length"):
+                values[f"tendon_{name}"] = np.array([getattr(t, name) for t in self.tendons], float)
+            at = self.state_names.index
+            ordered = [sorted(zip(map(at, t.coordinates), t.coefficients)) for t in self.tendons]
+            values["tendon_coefficient"] = np.array([c for one in ordered for _, c in one], float)
         if s.uncertain:
             values["position_covariance"] = np.zeros((s.nv, s.nv))
             values["velocity_covariance"] = self.sigma**2 * np.eye(s.nv)

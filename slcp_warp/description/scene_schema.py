@@ -10,7 +10,7 @@ import typing
 from typing import Any
 
 from .box_files import BOX, FIELDS, NEEDED
-from .parts import JOINTS, KINDS, Actuator, Body, Contact, Shape, Spring
+from .parts import JOINTS, KINDS, Actuator, Body, Contact, Shape, Spring, Tendon
 from .scene import Scene
 
 FORMAT, VERSION = "slcp-scene", 3
@@ -60,7 +60,7 @@ def json_schema() -> dict[str, Any]:
 
 def part_schemas() -> dict[str, Any]:
     """The schemas of a scene's parts, by the names of their classes; a box is none, but shapes of a file."""
-    parts = {kind.__name__: object_schema(kind) for kind in (Body, Shape, Contact, Actuator, Spring)}
+    parts = {kind.__name__: object_schema(kind) for kind in (Body, Shape, Contact, Actuator, Spring, Tendon)}
     return parts | {"Box": _box_schema()}
 
 

@@ -21,8 +21,8 @@ from slcp_warp.kernels.structure import (
 
 from ..inputs.checks import shown
 from ..inputs.errors import SceneError
-from .names import pair_names, turned
-from .parts import JOINTS, Actuator, Body, Contact, Shape, Spring, radii, spread
+from .names import pair_names, state_names, turned
+from .parts import JOINTS, Actuator, Body, Contact, Shape, Spring, Tendon, radii, spread
 
 
 def structure_of(
@@ -31,6 +31,7 @@ def structure_of(
     contacts: Sequence[Contact],
     actuators: Sequence[Actuator],
     springs: Sequence[Spring],
+    tendons: Sequence[Tendon],
     implicit_damping: bool,
     implicit_stiffness: bool,
 ) -> Structure:
@@ -51,12 +52,13 @@ def structure_of(
         _pairs(contacts, shapes, shape_places, shape_structures),
         tuple(tree.lower),
         tuple(tree.upper),
-        _driven(actuators, bodies, body_places, tree),
+        _driven(actuators, bodies, body_places, tree, _places(tendons, "tendons")),
         tuple(tree.sprung),
         _spring_ends(springs, body_places),
         implicit_damping=implicit_damping,
-        implicit_stiffness=implicit_stiffness and bool(tree.sprung or springs),
+        implicit_stiffness=implicit_stiffness and bool(tree.sprung or springs or tendons),
         armature=tuple(tree.armature),
+        tendons=_joined(tendons, bodies),
     )
 
 
@@ -133,11 +135,18 @@ def _check_pair_names(shapes: Sequence[Shape], pairs: Sequence[PairStructure]) -
 
 
 def _driven(
-    actuators: Sequence[Actuator], bodies: Sequence[Body], places: Mapping[str, int], tree: _Tree
+    actuators: Sequence[Actuator],
+    bodies: Sequence[Body],
+    places: Mapping[str, int],
+    tree: _Tree,
+    tendons: Mapping[str, int],
 ) -> tuple[int, ...]:
-    """The degree of freedom that every actuator drives."""
+    """The degree of freedom that every actuator drives, or -1 less its tendon."""
     out = []
     for i, actuator in enumerate(actuators):
+        if actuator.tendon is not None:
+            out.append(-1 - _index(tendons, actuator.tendon, "tendon", f"actuators[{i}], tendon"))
+            continue
         body = _index(places, actuator.body, "body", f"actuators[{i}], body")
         if not 0 <= actuator.dof < JOINTS[bodies[body].joint]:
             raise SceneError(
@@ -158,6 +167,19 @@ def _spring_ends(springs: Sequence[Spring], places: Mapping[str, int]) -> tuple[
                              "or a body and the world (None)")  # fmt: skip
         out.append((a, b))
     return tuple(out)
+
+
+def _joined(tendons: Sequence[Tendon], bodies: Sequence[Body]) -> tuple[tuple[int, ...], ...]:
+    """The degrees of freedom of every tendon, ascending."""
+    places = {name: i for i, name in enumerate(state_names(bodies)[: len(state_names(bodies)) // 2])}
+    for i, tendon in enumerate(tendons):
+        if tendon.name in places:
+            raise SceneError(f"tendons[{i}]: {tendon.name!r} is the name of a coordinate; another is needed")
+    label = "tendon {!r}, coordinates"
+    return tuple(
+        tuple(sorted(_index(places, name, "coordinate", label.format(t.name)) for name in t.coordinates))
+        for t in tendons
+    )
 
 
 def _index(places: Mapping[str, int], name: str | None, what: str, field_name: str) -> int:

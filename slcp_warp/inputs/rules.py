@@ -22,8 +22,16 @@ NONNEGATIVE = (
     "restitution",
     "spring_damping",
     "spring_length",
+    "tendon_damping",
 )
-OF_EITHER_SIGN = ("gravity", "gear", "stiffness", "spring_stiffness")
+OF_EITHER_SIGN = (
+    "gravity",
+    "gear",
+    "stiffness",
+    "spring_stiffness",
+    "tendon_stiffness",
+    "tendon_coefficient",
+)
 PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, *OF_EITHER_SIGN} - {"period"})  # by factors
 COVARIANCES = ("position_covariance", "velocity_covariance")
 SINGLE = 1e-6  # by which a number that was kept in single precision may be larger

@@ -21,13 +21,18 @@ LAWS = {
 
 
 def mechanism(seed):
-    """Branches, dampers that act late or early, a spring that is met late, half of the pairs that bounce."""
+    """Branches, dampers that act late or early, a spring and a tendon that are met late, half of the pairs
+    bounce.
+    """
     rng = np.random.default_rng(200 + seed)
     sc = random_tree(rng, 4, contacts=True)
     spring = slcp.Spring("body0", "body3", (0.1, 0.2), stiffness=30.0, damping=1.0, length=0.4)
     pairs = tuple(replace(pair, restitution=0.6 * (n % 2)) for n, pair in enumerate(sc.contacts))
     changes = {"implicit_stiffness": bool(seed % 2), "implicit_damping": bool(seed % 2)}
-    return replace(sc, springs=(spring,), contacts=pairs, **changes), rng
+    ends = sc.state_names[1], sc.state_names[sc.nv - 1]
+    tendon = slcp.Tendon("tendon", ends, (0.8, -0.5), 25.0, 0.7, 0.1)
+    changes["actuators"] = (*sc.actuators[:-1], slcp.Actuator(tendon="tendon"))
+    return replace(sc, springs=(spring,), tendons=(tendon,), contacts=pairs, **changes), rng
 
 
 def slopes(sim, x, u, weights, params):

@@ -119,10 +119,21 @@ class Oracle:
             out = out - self.p["stiffness"] * (q - self.p["rest"])
         for i in range(len(self.structure.springs)):
             out = out + self.spring_force(q, v, i)
+        for i, along in enumerate(self.tendons()):
+            k, d, length = (self.p[f"tendon_{n}"][..., i] for n in ("stiffness", "damping", "length"))
+            tension = k * (np.sum(along * q, -1) - length) + d * np.sum(along * v, -1)
+            out = out - tension[..., None] * along
         if u is not None:
             for i, dof in enumerate(self.structure.actuators):
-                out[..., dof] += self.p["gear"][..., i] * u[..., i]
+                way = np.eye(self.nv)[dof] if dof >= 0 else self.tendons()[-1 - dof]
+                out = out + np.multiply(self.p["gear"][..., i], u[..., i])[..., None] * way
         return out
+
+    def tendons(self):
+        """dl/dq (..., nv) of every tendon: its coefficients, which come one tendon after the other."""
+        starts = np.cumsum([0, *map(len, self.structure.tendons)])
+        return [self.p["tendon_coefficient"][..., a : a + len(dofs)] @ np.eye(self.nv)[list(dofs)]
+                for a, dofs in zip(starts, self.structure.tendons)]  # fmt: skip
 
     def spring_force(self, q, v, i):
         """Generalised force (..., nv) of spring i: k (l - L) + c dl/dt towards the other end, where the
@@ -149,6 +160,9 @@ class Oracle:
             still = self.spring_force(q, np.zeros(q.shape), i)
             moved = [self.spring_force(q, 0.0 * q + unit, i) - still for unit in np.eye(self.nv)]
             joints = joints - np.stack(moved, axis=-1)
+        for i, along in enumerate(self.tendons()):
+            damping = self.p["tendon_damping"][..., i]
+            joints = joints + np.einsum("...,...i,...j->...ij", damping, along, along)
         return joints
 
     def stiffness_matrix(self, q):
@@ -171,6 +185,9 @@ class Oracle:
             part = loose * np.einsum("...ki,...kj->...ij", jac, jac)
             part = part + (1.0 - loose) * along[..., :, None] * along[..., None, :]
             out = out + np.maximum(self.p["spring_stiffness"][..., i, None, None], 0.0) * part
+        for i, along in enumerate(self.tendons()):
+            stiff = np.maximum(self.p["tendon_stiffness"][..., i], 0.0)
+            out = out + np.einsum("...,...i,...j->...ij", stiff, along, along)
         return out
 
     def energy(self, q, v):

@@ -8,7 +8,7 @@ import warp as wp
 from random_scenes import random_tree
 
 import slcp_warp as slcp
-from slcp_warp import Body, Contact, Scene, Shape, Spring, scenes
+from slcp_warp import Actuator, Body, Contact, Scene, Shape, Spring, Tendon, scenes
 
 WIDTH = {wp.float32: "float32", wp.float64: "float64"}
 NUMPY = {wp.float32: np.float32, wp.float64: np.float64}
@@ -127,7 +127,9 @@ def tree(seed: int, *joints: str) -> Scene:
 
 
 def sprung() -> Scene:
-    """A chain and a free body with joint springs, tied to each other and to the world by springs."""
+    """A chain and a free body with joint springs, tied to each other and to the world by springs, and by a
+    tendon that a control pulls; another one is of one coordinate.
+    """
     base = random_tree(np.random.default_rng(5), 2, ("prismatic", "revolute"))
     first, second = base.bodies
     bodies = (
@@ -139,7 +141,14 @@ def sprung() -> Scene:
         Spring("body1", "stone", (0.4, -0.1), (0.1, 0.2), stiffness=20.0, damping=1.5, length=0.5),
         Spring(None, "body1", (-0.5, 0.8), (0.3, 0.3), stiffness=8.0, damping=0.7),
     )
-    return dataclasses.replace(base, name="sprung", bodies=bodies, springs=springs)
+    tendons = (
+        Tendon("rope", ("stone.y", "body0.shift", "body1.angle"), (0.5, 0.7, -0.4), 15.0, 0.8, 0.1),
+        Tendon("cuff", ("stone.angle",), (1.5,), 4.0, 0.3, -0.2),
+    )
+    actuators = (*base.actuators, Actuator(tendon="rope", gear=1.3))
+    return dataclasses.replace(
+        base, name="sprung", bodies=bodies, springs=springs, tendons=tendons, actuators=actuators
+    )
 
 
 def push_on_ice() -> Scene:

@@ -24,6 +24,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
     """
     dtype = WORK
     number = make_mechanism(given).number
+    TENSION, SLOWING, SHARE_OF = (COLUMN[f"tendon_{n}"] for n in ("stiffness", "damping", "coefficient"))
     bodies, springs = make_bodies(given), make_spring_slopes(given)
     contacts = residual != "none"
     pairs = make_pair_slopes(given, residual) if contacts else None
@@ -102,6 +103,41 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                 j = t.rotor_dof[one]
                 if j >= first and j < first + COUNT:
                     put(x, place(t, j), j - first, number(t, k, ARMATURE, j))
+
+    @wp.func
+    def of_tendons(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int):
+        """As `of_joints` of tendons."""
+        x = d.known[b]
+        h = number(t, k, H, 0)
+        for i in range(t.tendons):
+            stiffness = number(t, k, TENSION, i)
+            weight = -h * stiffness
+            if velocity == 1:
+                weight = dtype(0.0)
+                if t.implicit_stiffness == 1:
+                    weight += PART * h * h * wp.max(stiffness, dtype(0.0))
+                if t.implicit_damping == 0:
+                    weight -= h * number(t, k, SLOWING, i)
+            for by in range(t.tendon_start[i], t.tendon_start[i + 1]):
+                lane = t.tendon_dof[by] - first
+                if lane >= 0 and lane < COUNT:
+                    share = weight * number(t, k, SHARE_OF, by)
+                    for at in range(t.tendon_start[i], t.tendon_start[i + 1]):
+                        own = number(t, k, SHARE_OF, at)
+                        put(x, place(t, t.tendon_dof[at]), lane, share * own)
+
+    @wp.func
+    def of_control(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, i: int, lane: int):
+        """What actuator i drives, a degree of freedom or what a tendon pulls."""
+        x = d.known[b]
+        push = number(t, k, H, 0) * number(t, k, GEAR, i)
+        if t.actuator[i] >= 0:
+            put(x, place(t, t.actuator[i]), lane, push)
+        else:
+            tendon = -1 - t.actuator[i]
+            for at in range(t.tendon_start[tendon], t.tendon_start[tendon + 1]):
+                share = number(t, k, SHARE_OF, at)
+                put(x, place(t, t.tendon_dof[at]), lane, push * share)
 
     @wp.func
     def is_within(g: Groups, group: int, first: int):
@@ -242,13 +278,12 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                 of_bodies(t, d, k, b, start, part)
                 of_springs(t, g, d, k, b, start, part)
                 of_joints(t, d, k, b, start, part)
+                of_tendons(t, d, k, b, start, part)
         if first + COUNT > 2 * t.nv:
-            x = d.known[b]
-            h = number(t, k, H, 0)
             for i in range(t.nu):
                 lane = 2 * t.nv + i - first
                 if lane >= 0 and lane < COUNT:
-                    put(x, place(t, t.actuator[i]), lane, h * number(t, k, GEAR, i))
+                    of_control(t, d, k, b, i, lane)
         if wp.static(contacts):
             if first < t.nv:
                 of_pairs(t, g, d, k, b, count, first)

@@ -1,7 +1,7 @@
 """Tables and workspace of the generic derivatives, beside those of the step.
 
-A group of bodies is a block of M: trees, and what springs that are met late tie to each other. D =
-J M^-1 J' of a row depends on the configuration of the groups that it moves, and on nothing else.
+A group of bodies is a block of M: trees, and what springs and tendons that are met late tie to each other.
+D = J M^-1 J' of a row depends on the configuration of the groups that it moves, and on nothing else.
 """
 
 from typing import Any
@@ -105,7 +105,8 @@ def _blocks(s: Structure) -> list[int]:
     block: list[int] = []
     for b, body in enumerate(s.bodies):
         block.append(b if body.parent == WORLD else block[body.parent])
-    for a, b in s.ties:
+    tied = [(s.dof_body[dofs[0]], s.dof_body[j]) for dofs in s.joined for j in dofs[1:]]
+    for a, b in [*s.ties, *tied]:
         if a != WORLD and b != WORLD:
             low, high = sorted((block[a], block[b]))
             block = [low if name == high else name for name in block]

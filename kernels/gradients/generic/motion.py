@@ -16,6 +16,7 @@ from ...generic.work import Slot
 from .room import DUAL, NEW, OLD, ROW, View
 from .spans import make_spans
 from .stiffness import make_stiffness
+from .tendons import make_tendons
 from .twists import make_twists, turned, twist
 
 
@@ -25,7 +26,7 @@ def make_motion(given: type, graded: bool) -> SimpleNamespace:
     of a row whose m is in the rates ROW.
     """
     move, spans, stiffness_of = (make(given, graded) for make in (make_twists, make_spans, make_stiffness))
-    z = move.solved
+    z, tendons = move.solved, make_tendons(given, graded)
     number, two, add, add2, axes = z.number, z.two, z.add, z.add2, z.axes
     H, GRAVITY, MASS, INERTIA, COM, DAMPING, GEAR, STIFFNESS, REST, PULL, DAMP, LENGTH, ARMATURE = (
         z.COLUMN[n]
@@ -76,7 +77,7 @@ def make_motion(given: type, graded: bool) -> SimpleNamespace:
 
     @wp.func
     def joints(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
-        """Dampers, springs and inertia of the joints; of all springs what they add to M."""
+        """Dampers, springs and inertia of the joints; tendons; of all springs what they add to M."""
         h = number(t, k, H, 0)
         seen = wp.where(t.implicit_damping == 1, wp.static(NEW), wp.static(OLD)) * t.nv
         by_h = wp.float64(0.0)
@@ -104,13 +105,20 @@ def make_motion(given: type, graded: bool) -> SimpleNamespace:
             w.by_v[j] = w.by_v[j] - number(t, k, ARMATURE, j) * p
         add(t, w, H, 0, by_h)
         stiffness_of.motion(t, k, w)
+        for i in range(t.tendons):
+            tendons.motion(t, k, w, i)
 
     @wp.func
     def control(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], i: int, u: wp.float64):
         """Adds the columns of actuator i; returns the slope by its control."""
         h = number(t, k, H, 0)
         gear = number(t, k, GEAR, i)
-        p = w.rates[wp.static(DUAL) * t.nv + t.actuator[i]]
+        p = wp.float64(0.0)
+        if t.actuator[i] >= 0:
+            p = w.rates[wp.static(DUAL) * t.nv + t.actuator[i]]
+        else:
+            p = tendons.felt(t, k, w, -1 - t.actuator[i])
+            tendons.pulled(t, k, w, -1 - t.actuator[i], -h * gear * u)
         add(t, w, GEAR, i, -h * p * u)
         add(t, w, H, 0, -gear * p * u)
         return -h * gear * p
@@ -175,7 +183,7 @@ def make_motion(given: type, graded: bool) -> SimpleNamespace:
     @wp.func
     def row_part(t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], w: wp.ref[View],
                  group: int, kappa: wp.float64):  # fmt: skip
-        """-kappa m'N m of the bodies, joints, dampers and springs of a group."""
+        """-kappa m'N m of the bodies, joints, dampers, springs and tendons of a group."""
         h = number(t, k, H, 0)
         for at in range(s.group_body_start[group], s.group_body_start[group + 1]):
             i = s.group_body[at]
@@ -198,6 +206,9 @@ def make_motion(given: type, graded: bool) -> SimpleNamespace:
                         row_damper(t, k, w, i, kappa)
                     if t.implicit_stiffness == 1:
                         stiffness_of.row_spring(t, k, w, i, kappa)
+        for i in range(t.tendons):
+            if s.dof_group[t.tendon_dof[t.tendon_start[i]]] == group:
+                tendons.row_part(t, k, w, i, kappa)
         if t.implicit_stiffness == 1:
             for at in range(t.sprung):
                 if s.dof_group[t.sprung_dof[at]] == group:

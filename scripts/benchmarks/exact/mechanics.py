@@ -67,7 +67,8 @@ class Mechanism:
         friction: of it.
 
     Raises:
-        SceneError: another joint, a spring, or more than one contact or other shapes than ellipses and discs.
+        SceneError: another joint, a spring, a tendon, or more than one contact, or others than ellipses
+            and discs.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -75,8 +76,8 @@ class Mechanism:
         for body in scene.bodies:
             if body.joint != "revolute" or body.stiffness is not None:
                 raise SceneError(f"body {body.name!r}: events take revolute joints without springs")
-        if scene.springs or len(scene.all_contacts) > 1:
-            raise SceneError(f"scene {scene.name!r}: events take no springs and one contact at most")
+        if scene.springs or scene.tendons or len(scene.all_contacts) > 1:
+            raise SceneError(f"scene {scene.name!r}: events take no springs, no tendons, one contact at most")
         self.nv = scene.nv
         self.parents = [None if b.parent is None else names.index(b.parent) for b in scene.bodies]
         self.bodies = scene.bodies

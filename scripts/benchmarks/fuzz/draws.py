@@ -113,11 +113,27 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
                 "spring_point": u(-0.5, 0.5, k, 2, 2)}  # fmt: skip
         tied = mass[:, [max(ends) for ends in s.springs]]
         out["spring_stiffness"] = stiffened(rng, scene, out["spring_stiffness"], tied, h)
+    if s.tendons:
+        out |= _tendons(rng.spawn(1)[0], scene, mass, h, most)
     if s.bounces:
         out["restitution"] = _shares(rng, n, len(s.pairs))
     _lay_guides(rng, scene, out, cosine)
     _alike(scene, out)
     return {name: single(value) for name, value in out.items()}
+
+
+def _tendons(rng: Rng, scene: Scene, mass: Array, h: Array, most: float) -> dict[str, Array]:
+    """Numbers of tendons, drawn aside."""
+    tendons, n = scene.structure.tendons, len(h)
+    k, m = len(tendons), sum(map(len, tendons))
+    pulled = mass[:, [scene.structure.dof_body[dofs[-1]] for dofs in tendons]]
+    slow = np.where(rng.random((n, 1)) < 0.7, decades(rng, -2, 0.75 * most, n, k), 0.0)
+    return {
+        "tendon_stiffness": stiffened(rng, scene, decades(rng, 0, 4, n, k), pulled, h),
+        "tendon_damping": slow,
+        "tendon_length": rng.uniform(-0.5, 0.5, (n, k)),
+        "tendon_coefficient": rng.choice([-1.0, 1.0], (n, m)) * decades(rng, -1.5, 0.5, n, m),
+    }
 
 
 def _shares(rng: Rng, *shape: int) -> Array:

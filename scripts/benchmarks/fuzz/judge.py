@@ -123,11 +123,13 @@ def _highest(values: Array, where: Array | None = None) -> Array:
 
 def _joined(p: Problem, acts: Array) -> Array:
     """Which acting rows j (B, nr, nr) lend row i their scale: those of bodies that hang together (in a tree,
-    or by springs) or touch, directly or over other acting rows. What is fast elsewhere is no measure of it.
+    or by springs and tendons) or touch, directly or over other acting rows. What is fast elsewhere is no
+    measure of it.
     """
     s, moves = p.truth.s, np.abs(p.jac) > 0.0
     hang = np.eye(len(s.bodies), dtype=bool)[None]
-    for a, b in [*enumerate(body.parent for body in s.bodies), *s.springs]:
+    tied = [(s.dof_body[dofs[0]], s.dof_body[j]) for dofs in s.tendons for j in dofs[1:]]
+    for a, b in [*enumerate(body.parent for body in s.bodies), *s.springs, *tied]:
         if a >= 0 and b >= 0:
             hang[0, a, b] = hang[0, b, a] = True
     bodies = np.array(s.dof_body)

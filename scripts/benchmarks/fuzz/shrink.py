@@ -59,7 +59,12 @@ def _without_body(case: Case, i: int) -> Case:
     shapes = tuple(s for s in scene.shapes if s.body not in gone)
     names = {s.name for s in shapes}
     contacts = tuple(c for c in scene.all_contacts if {c.shape_a, c.shape_b} <= names)
-    kept = [k for k, a in enumerate(scene.actuators) if a.body not in gone]
+    left = {name for b in scene.bodies if b.name not in gone for name in scene.state_names[: scene.nv]
+            if name.rpartition(".")[0] == b.name}  # fmt: skip
+    tendons = tuple(t for t in scene.tendons if set(t.coordinates) <= left)
+    pulled = {t.name for t in tendons}
+    kept = [k for k, a in enumerate(scene.actuators)
+            if (a.body is not None and a.body not in gone) or a.tendon in pulled]  # fmt: skip
     dofs = [j for j, b in enumerate(scene.structure.dof_body) if scene.bodies[b].name not in gone]
     limits = {name: case.numbers[name][dofs] for name in ("lower", "upper")}
     x = np.concatenate([case.x[: scene.nv][dofs], case.x[scene.nv :][dofs]])
@@ -67,7 +72,7 @@ def _without_body(case: Case, i: int) -> Case:
         dataclasses.replace(case, numbers=case.numbers | limits), x, case.u[..., kept],
         bodies=tuple(b for b in scene.bodies if b.name not in gone), contacts=contacts,
         shapes=_used(shapes, contacts), actuators=tuple(scene.actuators[k] for k in kept),
-        springs=tuple(s for s in scene.springs if not {s.body_a, s.body_b} & gone),
+        springs=tuple(s for s in scene.springs if not {s.body_a, s.body_b} & gone), tendons=tendons,
     )  # fmt: skip
 
 
@@ -94,11 +99,14 @@ def bodies(case: Case) -> Makers:
 
 
 def parts(case: Case) -> Makers:
-    """A spring, an actuator, a limit, a joint spring or a friction less."""
+    """A spring, a tendon that nothing pulls at, an actuator, a limit, a joint spring or a friction less."""
     scene = case.scene
     out: Makers = []
     for i in range(len(scene.springs)):
         out.append(partial(changed, case, springs=scene.springs[:i] + scene.springs[i + 1 :]))
+    for i, tendon in enumerate(scene.tendons):
+        if all(a.tendon != tendon.name for a in scene.actuators):
+            out.append(partial(changed, case, tendons=scene.tendons[:i] + scene.tendons[i + 1 :]))
     for i in range(len(scene.actuators)):
         kept = scene.actuators[:i] + scene.actuators[i + 1 :]
         out.append(partial(changed, case, u=np.delete(case.u, i, -1), actuators=kept))

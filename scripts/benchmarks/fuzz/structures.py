@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp import Actuator, Body, Contact, Scene, Shape, Spring, box
+from slcp_warp import Actuator, Body, Contact, Scene, Shape, Spring, Tendon, box
+from slcp_warp.description.names import state_names
 from slcp_warp.description.topology import contact_ends
 
 Rng = np.random.Generator
@@ -94,11 +95,12 @@ def _assembled(
         arguments["implicit_damping"] = bool(rng.random() < 0.75)
     if "implicit_stiffness" in known:  # drawn aside: what else a scene is drawn as stays what it is
         arguments["implicit_stiffness"] = bool(rng.spawn(1)[0].random() < 0.75)
+    tendons, pulled = _tendons(rng.spawn(1)[0], bodies)
     return Scene(
         name, bodies, shapes,
-        actuators=tuple(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
-                        for n, b in zip(names, bodies) if rng.random() < 0.5),
-        springs=tuple(_springs(rng, names)), **arguments, **touching,
+        actuators=(*(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
+                     for n, b in zip(names, bodies) if rng.random() < 0.5), *pulled),
+        springs=tuple(_springs(rng, names)), tendons=tendons, **arguments, **touching,
     )  # fmt: skip
 
 
@@ -163,6 +165,17 @@ def _springs(rng: Rng, names: list[str]) -> list[Spring]:
     return out
 
 
+def _tendons(rng: Rng, bodies: tuple[Body, ...]) -> tuple[tuple[Tendon, ...], list[Actuator]]:
+    """Tendons of one to three coordinates in a quarter of the scenes, and what pulls at half of them."""
+    there = state_names(bodies)[: sum(JOINTS[b.joint] for b in bodies)]
+    out: list[Tendon] = []
+    while rng.random() < (0.25 if not out else 0.4) and len(out) < 3:
+        count = min(len(there), int(rng.integers(1, 4)))
+        chosen = tuple(there[j] for j in sorted(rng.permutation(len(there))[:count]))
+        out.append(Tendon(f"tendon{len(out)}", chosen, (1.0,) * count, 1.0, 1.0))
+    return tuple(out), [Actuator(tendon=t.name) for t in out if rng.random() < 0.5]
+
+
 def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> Scene:
     """The scene with one world's numbers (each of its parameter's shape) as its own; limits that exclude each
     other, which a scene refuses, become one limit.
@@ -215,12 +228,21 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
             stiffness=float(numbers["spring_stiffness"][i]), damping=float(numbers["spring_damping"][i]),
             length=float(numbers["spring_length"][i]),
         ))  # fmt: skip
+    tendons, at = [], 0
+    for i, tendon in enumerate(scene.tendons):
+        end = at + len(tendon.coordinates)
+        tendons.append(dataclasses.replace(
+            tendon, coordinates=tuple(sorted(tendon.coordinates, key=scene.state_index)),
+            coefficients=flat(numbers["tendon_coefficient"][at:end]),
+            **{name: float(numbers[f"tendon_{name}"][i]) for name in ("stiffness", "damping", "length")},
+        ))  # fmt: skip
+        at = end
     actuators = tuple(
         dataclasses.replace(a, gear=float(numbers["gear"][i])) for i, a in enumerate(scene.actuators)
     )
     level = float(np.ravel(numbers["sigma"])[0]) if np.size(numbers["sigma"]) else scene.sigma
     return dataclasses.replace(
         scene, bodies=tuple(bodies), shapes=tuple(shapes), contacts=tuple(contacts), actuators=actuators,
-        springs=tuple(springs), gravity=flat(numbers["gravity"]), step_size=float(numbers["step_size"]),
-        sigma=level if sigma is None else sigma,
+        springs=tuple(springs), tendons=tuple(tendons), gravity=flat(numbers["gravity"]),
+        step_size=float(numbers["step_size"]), sigma=level if sigma is None else sigma,
     )  # fmt: skip

@@ -160,15 +160,47 @@ class Mechanics:
             size += loose[:, None] * np.abs(grad)
             damping += p["spring_damping"][:, i, None, None] * grad[:, :, None] * grad[:, None, :]
             potential = potential + energy
-        for i, dof in enumerate(self.s.actuators if u is not None else ()):
-            driven = p["gear"][:, i] * u[:, i]  # type: ignore[index]
-            for total, value in ((force, driven), (terms, np.abs(driven)), (size, np.abs(driven))):
-                total[:, dof] += value
+        ways = self.ways(worlds)
+        for i, way in enumerate(ways):
+            pull, loose, part = self.tendon(way, q, i)
+            force, terms = force - pull[:, None] * way, terms + np.abs(pull[:, None] * way)
+            size += loose[:, None] * np.abs(way)
+            square = way[:, :, None] * way[:, None, :]
+            stiffness += np.maximum(p["tendon_stiffness"][:, i], 0.0)[:, None, None] * square
+            damping += p["tendon_damping"][:, i, None, None] * square
+            potential = potential + part
+        for driven in () if u is None else self.driven(u, ways):
+            force, terms, size = force + driven, terms + np.abs(driven), size + np.abs(driven)
         if push is not None:
             force, terms, size = force + push, terms + np.abs(push), size + np.abs(push)
         return Motion(
             mass, damping, stiffness, force, terms, size, potential, pulled, damped, stiffened
         )  # fmt: skip
+
+    def driven(self, u: Array, ways: list[Array]) -> list[Array]:
+        """What every actuator pushes (B, nv), `ways` being those of the tendons."""
+        out = []
+        for i, dof in enumerate(self.s.actuators):
+            way = np.eye(self.s.nv)[dof] if dof >= 0 else ways[-1 - dof]
+            out.append((self.p["gear"][:, i] * u[:, i])[:, None] * way)
+        return out
+
+    def ways(self, worlds: int) -> list[Array]:
+        """dl/dq (B, nv) of every tendon."""
+        out, at = [], 0
+        for dofs in self.s.tendons:
+            way = np.zeros((worlds, self.s.nv))
+            way[:, list(dofs)] = self.p["tendon_coefficient"][:, at : at + len(dofs)]
+            at += len(dofs)
+            out.append(way)
+        return out
+
+    def tendon(self, way: Array, q: Array, i: int) -> tuple[Array, Array, Array]:
+        """Of tendon i: tension k (l - L), its terms and its energy (B,)."""
+        k, length = self.p["tendon_stiffness"][:, i], self.p["tendon_length"][:, i]
+        stretch = np.sum(way * q, -1) - length
+        reach = np.sum(np.abs(way * q), -1) + np.abs(length)
+        return k * stretch, np.abs(k) * reach, 0.5 * k * stretch**2
 
     def spring(self, frames: list[Frame], q: Array, i: int) -> tuple[Array, ...]:
         """Of spring i: tension k (l - L) (B,), dl/dq (B, nv), the tension's terms and its energy (B,); K (B,

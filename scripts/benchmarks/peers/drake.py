@@ -102,8 +102,9 @@ class Model:
     """Drake's plant of a scene with its simulator."""
 
     def __init__(self, lib: dict[str, Any], scene: Scene, h: float, approximation: str | None) -> None:
-        if scene.springs:
-            raise SceneError(f"scene {scene.name!r}: the Drake benchmark takes no springs between points")
+        if scene.springs or scene.tendons:
+            raise SceneError(f"scene {scene.name!r}: the Drake benchmark takes neither springs between "
+                             "points nor tendons")  # fmt: skip
         self.lib, self.scene = lib, scene
         builder = lib["framework"].DiagramBuilder()
         config = lib["plant"].MultibodyPlantConfig()

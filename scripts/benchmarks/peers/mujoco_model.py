@@ -16,7 +16,7 @@ from xml.etree import ElementTree as xml
 import numpy as np
 
 from slcp_warp import Body, Scene, SceneError, Shape
-from slcp_warp.description.parts import spread
+from slcp_warp.description.parts import JOINTS, spread
 
 from ..shared.optional import load
 from ..shared.workload import Workload
@@ -73,12 +73,26 @@ def mjcf(
                 f"{_text(scene.all_contacts[0].friction or 0.0)} {' '.join(OTHER_FRICTION.split()[:2])}"
             )
             xml.SubElement(nodes[body_name], "geom", {"mass": "0", "friction": friction, **attributes})
+    _tendons(root, scene)
     actuators = xml.SubElement(root, "actuator")
     for a in scene.actuators:
-        xml.SubElement(actuators, "motor", joint=f"{a.body}.{a.dof}", gear=_text(a.gear))
+        of = {"joint": f"{a.body}.{a.dof}"} if a.tendon is None else {"tendon": a.tendon}
+        xml.SubElement(actuators, "motor", of, gear=_text(a.gear))
     if scene.springs:
         raise SceneError(f"scene {scene.name!r}: the MuJoCo benchmark takes no springs between points")
     return xml.tostring(root, encoding="unicode")
+
+
+def _tendons(root: xml.Element, scene: Scene) -> None:
+    """The scene's tendons as fixed ones."""
+    joints = [f"{b.name}.{i}" for b in scene.bodies for i in range(JOINTS[b.joint])]
+    tendons = xml.SubElement(root, "tendon")
+    for tendon in scene.tendons:
+        own = xml.SubElement(tendons, "fixed", name=tendon.name, stiffness=_text(tendon.stiffness),
+                             damping=_text(tendon.damping), springlength=_text(tendon.length))  # fmt: skip
+        for name, coefficient in zip(tendon.coordinates, tendon.coefficients):
+            joint = joints[scene.state_index(name)]
+            xml.SubElement(own, "joint", joint=joint, coef=_text(coefficient))
 
 
 def _pairs(root: xml.Element, nodes: dict[str | None, xml.Element], scene: Scene) -> None:

@@ -1,8 +1,9 @@
-"""Actuators of a MuJoCo model, for `reader.py`: their controls, and what they do to joints beside these.
+"""Actuators of a MuJoCo model, for `reader.py`: controls, and what they do to joints and tendons beside.
 
-MuJoCo's servos are affine: along its joint an actuator of gear g pushes with g (a u + b_0 + b_1 g q + b_2 g
-q'). The part with u is an `Actuator`; what depends on the joint's position and velocity is a spring of -g^2
-b_1 and a damper of -g^2 b_2 of the joint, exactly, and its rotor an armature of g^2 times its own.
+MuJoCo's servos are affine: along its joint or tendon an actuator of gear g pushes with
+g (a u + b_0 + b_1 g q + b_2 g q'). The part with u is an `Actuator`; what depends on position and velocity
+is a spring of -g^2 b_1 and a damper of -g^2 b_2 of the joint or tendon, exactly, and its rotor an armature of
+g^2 times its own.
 """
 
 from dataclasses import dataclass
@@ -10,11 +11,13 @@ from typing import Any
 
 from .plane import MjcfError
 
+JOINT, TENDON = "joint", "tendon"
+
 
 @dataclass
 class Servo:
-    """What the actuators of a joint do to it by themselves, in MuJoCo's sense of turning: a push at qpos = 0
-    [N m, N], a stiffness, a damping and an armature.
+    """What the actuators of a joint or tendon do to it by themselves, in MuJoCo's sense of turning: a push at
+    qpos = 0 [N m, N], a stiffness, a damping and an armature.
     """
 
     push: float = 0.0
@@ -23,8 +26,8 @@ class Servo:
     armature: float = 0.0
 
 
-def gain_of(m: Any, i: int) -> tuple[int, float]:
-    """The joint of an actuator, and the push along it for a control of one.
+def gain_of(m: Any, i: int) -> tuple[str, int, float]:
+    """What an actuator acts on, `JOINT` or `TENDON`, and which, and the push along it for a control of one.
 
     Raises:
         MjcfError: it acts on something else, or its force is not affine in control, position and velocity.
@@ -32,26 +35,28 @@ def gain_of(m: Any, i: int) -> tuple[int, float]:
     import mujoco
 
     servo = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
-    if not (
-        m.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-        and m.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+    kinds = {int(mujoco.mjtTrn.mjTRN_JOINT): JOINT, int(mujoco.mjtTrn.mjTRN_TENDON): TENDON}
+    kind = kinds.get(int(m.actuator_trntype[i]))
+    if kind is None or not (
+        m.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
         and int(m.actuator_biastype[i]) in servo
         and m.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
     ):
         raise MjcfError(
             f"actuator {m.actuator(i).name!r}: only a motor, or a position or velocity servo without "
-            "dynamics of its own, on a joint is supported"
+            "dynamics of its own, on a joint or a fixed tendon is supported"
         )
-    return int(m.actuator_trnid[i, 0]), float(m.actuator_gear[i, 0] * m.actuator_gainprm[i, 0])
+    gain = float(m.actuator_gear[i, 0] * m.actuator_gainprm[i, 0])
+    return kind, int(m.actuator_trnid[i, 0]), gain
 
 
-def servos(m: Any) -> dict[int, Servo]:
-    """What actuators do to their joints, by joint."""
+def servos(m: Any) -> dict[tuple[str, int], Servo]:
+    """What actuators do to their joints and tendons, by what they act on."""
     import mujoco
 
-    out: dict[int, Servo] = {}
+    out: dict[tuple[str, int], Servo] = {}
     for i in range(m.nu):
-        own = out.setdefault(gain_of(m, i)[0], Servo())
+        own = out.setdefault(gain_of(m, i)[:2], Servo())
         gear = float(m.actuator_gear[i, 0])
         for name in ("armature", "damping"):
             part = gear**2 * float(getattr(m, f"actuator_{name}", [0.0] * m.nu)[i])

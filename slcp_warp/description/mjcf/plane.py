@@ -32,10 +32,11 @@ def plane_of(m: Any) -> str:
 
 
 def named(m: Any, kind: str, i: int) -> str:
-    """The name of a MuJoCo body or geom; without one its kind and number, as no other one is called."""
+    """The name of a MuJoCo body, geom or tendon; without one its kind and number, as no other is called."""
     import mujoco
 
-    objects = {"body": mujoco.mjtObj.mjOBJ_BODY, "geom": mujoco.mjtObj.mjOBJ_GEOM}
+    kinds = mujoco.mjtObj
+    objects = {"body": kinds.mjOBJ_BODY, "geom": kinds.mjOBJ_GEOM, "tendon": kinds.mjOBJ_TENDON}
     if name := getattr(m, kind)(i).name:
         return str(name)
     out = f"{kind}{i}"

@@ -18,9 +18,10 @@ from ..parts import Actuator, Body
 from ..scene import Scene
 from .bounds import check_bounds
 from .contacts import read_contacts
-from .motors import Servo, gain_of, servos
+from .motors import JOINT, TENDON, Servo, gain_of, servos
 from .plane import MjcfError, Plane, named, plane_of
-from .refused import WORDS, is_disabled, refuse_what_is_missing
+from .refused import TENDONS, WORDS, is_disabled, refuse_what_is_missing
+from .tendons import joints_of, read_tendons
 
 __all__ = ["MjcfError", "load_mjcf"]
 
@@ -61,12 +62,13 @@ def load_mjcf(
         check_bounds(path)
         model = mujoco.MjModel.from_xml_path(str(path))
         refuse_what_is_missing(model, left_out)
-        reader = _Reader(model, chosen or Plane(plane_of(model)), corner_radius)
+        reader = _Reader(model, chosen or Plane(plane_of(model)), corner_radius, TENDONS not in left_out)
         return reader.scene(model.names.split(b"\0")[0].decode() or path.stem)
 
 
 class _Reader:
-    def __init__(self, model: Any, plane: Plane, corner_radius: float) -> None:
+    def __init__(self, model: Any, plane: Plane, corner_radius: float, tendons: bool) -> None:
+        self.tendons = tendons
         self.m, self.plane, self.corner_radius = model, plane, corner_radius
         self.turns: list[np.ndarray] = []  # our degrees of freedom by MuJoCo's, of each body with joints
         self.dof_of_joint: dict[int, tuple[str, int, float]] = {}  # body, place, sense
@@ -74,10 +76,15 @@ class _Reader:
         # place of every MuJoCo body: (our body or None, turn, origin) in that body's frame
         self.place: dict[int, tuple[str | None, float, np.ndarray]] = {0: (None, 0.0, np.zeros(2))}
         self.welded: dict[str, list[tuple[float, np.ndarray, float]]] = {}
-        self.servos: dict[int, Servo] = {}
+        self.servos: dict[tuple[str, int], Servo] = {}
+        self.tied: set[int] = set()  # joints of tendons
 
     def scene(self, name: str) -> Scene:
         self.servos = servos(self.m)
+        if self.tendons:
+            self.tied = {j for i in range(self.m.ntendon) for j in joints_of(self.m, i)}
+        elif any(kind == TENDON for kind, _ in self.servos):
+            raise MjcfError("an actuator acts on a tendon, and tendons are left out")
         drafts = [self._body(b) for b in range(1, self.m.nbody)]
         bodies = tuple(self._with_mass(draft) for draft in drafts if draft is not None)
         if not bodies:
@@ -93,6 +100,7 @@ class _Reader:
             bodies=bodies,
             **read_contacts(self.m, self.plane, self.place, self.depth, bodies, self.corner_radius),
             actuators=tuple(self._actuator(i) for i in range(m.nu)),
+            tendons=read_tendons(m, bodies, self.dof_of_joint, self.servos) if self.tendons else (),
             gravity=(0.0, 0.0) if is_disabled(m, "GRAVITY") else self._gravity(),
             step_size=float(m.opt.timestep),
             initial_state=tuple(state.tolist()),
@@ -184,11 +192,14 @@ class _Reader:
             return [*(j for j, _ in own), joints[2]], [*(sign for _, sign in own), signs[2]]
         dofs = [m.jnt_dofadr[j] for j in joints[:2]]
         same = all(np.ptp(values[dofs]) == 0.0 for values in (m.dof_damping, m.dof_armature))
-        alone = any(m.jnt_limited[j] or m.jnt_stiffness[j] or j in self.servos for j in joints[:2])
+        alone = any(
+            m.jnt_limited[j] or m.jnt_stiffness[j] or (JOINT, j) in self.servos or j in self.tied
+            for j in joints[:2]
+        )
         if alone or not same:
             raise MjcfError(
                 f"{label}: its slides are turned against its parent's axes; damping and armature have to be "
-                "the same for both, and limits, springs and actuators along them are not supported"
+                "the same for both, and limits, springs, tendons and actuators along them are not supported"
             )
         return joints, signs
 
@@ -196,7 +207,7 @@ class _Reader:
         m = self.m
         damping, armature, lower, upper, springs = [], [], [], [], []
         for j, sign in zip(joints, signs):
-            dof, q, servo = m.jnt_dofadr[j], m.jnt_qposadr[j], self.servos.get(j, Servo())
+            dof, q, servo = m.jnt_dofadr[j], m.jnt_qposadr[j], self.servos.get((JOINT, j), Servo())
             damping.append(float(m.dof_damping[dof]) + servo.damping)
             armature.append((float(m.dof_armature[dof]) + servo.armature) or None)
             springs.append(self._spring(j, sign, servo))
@@ -243,8 +254,10 @@ class _Reader:
         return Body(mass=mass, inertia=inertia, com=tuple(com.tolist()), **draft)
 
     def _actuator(self, i: int) -> Actuator:
-        joint, push = gain_of(self.m, i)
-        body, dof, sign = self.dof_of_joint[joint]
+        kind, which, push = gain_of(self.m, i)
+        if kind == TENDON:
+            return Actuator(gear=push, tendon=named(self.m, "tendon", which))
+        body, dof, sign = self.dof_of_joint[which]
         return Actuator(body, dof, sign * push)
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from .plane import MjcfError
 
 FLAGS = ("LIMIT", "SPRING", "DAMPER", "ACTUATION")
-COUNTS = {"neq": "equality constraints", "ntendon": "tendons", "nflex": "flexes", "nplugin": "plugins"}
+TENDONS = "tendons"
+COUNTS = {"neq": "equality constraints", "nflex": "flexes", "nplugin": "plugins"}
 MEDIUM = ("density", "viscosity")  # of what bodies move in: drag
 # fields that are zero where nothing of the kind acts, by the element that they belong to
 FIELDS = {
@@ -19,6 +20,11 @@ FIELDS = {
         "dof_frictionloss": "frictionloss", "dof_dampingpoly": "nonlinear damping",
         "jnt_stiffnesspoly": "nonlinear stiffness", "jnt_springyield": "a spring that yields",
         "jnt_actfrclimited": "actuatorfrcrange",
+    },
+    "tendon": {
+        "tendon_limited": "range", "tendon_frictionloss": "frictionloss", "tendon_armature": "armature",
+        "tendon_actfrclimited": "actuatorfrcrange", "tendon_dampingpoly": "nonlinear damping",
+        "tendon_stiffnesspoly": "nonlinear stiffness", "tendon_springyield": "a spring that yields",
     },
     "body": {"body_gravcomp": "gravcomp"},
     "actuator": {
@@ -28,7 +34,12 @@ FIELDS = {
 }  # fmt: skip
 
 
-WORDS = (*COUNTS.values(), *MEDIUM, *dict.fromkeys(w for fields in FIELDS.values() for w in fields.values()))
+WORDS = (
+    *COUNTS.values(),
+    TENDONS,
+    *MEDIUM,
+    *dict.fromkeys(w for fields in FIELDS.values() for w in fields.values()),
+)
 HINT = " (load_mjcf can leave it out: left_out)"
 
 
@@ -43,6 +54,8 @@ def refuse_what_is_missing(m: Any, left_out: Collection[str] = ()) -> None:
         if getattr(m, count, 0) and what not in left_out:
             raise MjcfError(f"the model has {getattr(m, count)} {what}; they are not supported{HINT}")
     for kind, fields in FIELDS.items():
+        if kind == "tendon" and TENDONS in left_out:
+            continue
         for field, what in fields.items():
             values = np.asarray(getattr(m, field, ()) if what not in left_out else ())
             for place in (i for i, value in enumerate(values) if np.any(value)):

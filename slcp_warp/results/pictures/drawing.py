@@ -20,7 +20,7 @@ class Drawing:
         ax.set_aspect("equal")
         ax.grid(False)
         alpha = 0.22 if ghost else 1.0
-        self.driven = {structure.dof_body[d] for d in structure.actuators}
+        self.driven = structure.driven_bodies
         self.patches: list[Any] = []
         self.outlines: list[np.ndarray] = []
         for s, shape in enumerate(structure.shapes):

@@ -21,9 +21,13 @@ from .events import Drawn
 FACTORS = ("gravity", "radius")  # parameters that keep their directions and shapes: factors only
 TWO_SIZES = ("ellipse", "capsule", "rectangle")
 SHARES = ("restitution",)  # in [0, 1]
-SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset")  # what may be of either sign
+# what may be of either sign
+SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset", "tendon_length")
 NAMES = (*PERTURBABLE, *SIGNED)
-OF_NO_BODY = ("step_size", "gravity", "sigma", "spring_stiffness", "spring_damping", "spring_length")
+OF_NO_BODY = (
+    *("step_size", "gravity", "sigma", "spring_stiffness", "spring_damping", "spring_length"),
+    *("tendon_stiffness", "tendon_damping", "tendon_length", "tendon_coefficient"),
+)
 
 
 class Laws(NamedTuple):
@@ -142,7 +146,8 @@ def _bodies(scene: Scene, column: int) -> Any:
     if name in OF_SHAPES:
         return structure.shapes[row].body, place
     if name == "gear":
-        return structure.dof_body[structure.actuators[row]], place
+        driven = structure.driven(row)
+        return (structure.dof_body[driven[0]] if len(driven) == 1 else name, row), place
     if name in OF_PAIRS:
         pair = structure.pairs[row]
         return frozenset(structure.shapes[s].body for s in (pair.shape_a, pair.shape_b)), place
