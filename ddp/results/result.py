@@ -197,8 +197,9 @@ class Result(Printed):
         what = counted(len(self.xs) if self.batched else 1, "problem")
         best = f"cost {np.min(self.cost):.6g}" + (" at best" if self.batched else "")
         line = f"{of}{what}, {self.us.shape[-2]} steps: {ends}; {best}"
-        beyond = self.beyond_limits()
-        return f"{line}; beyond its limits {beyond}" if beyond and not self.batched else line
+        if self.batched or bool(np.all(self.keeps_limits(LIMIT_TOLERANCE))):
+            return line
+        return f"{line}; beyond its limits {self.beyond_limits()}"
 
     def _tables(self) -> list[Table]:
         names = ("cost", "iterations", "gradient", "min_pivot")
@@ -208,10 +209,12 @@ class Result(Printed):
         if self.state_limits is None:
             return [Table("", ("problem", "status", *names), rows, left=2)]
         beyond = self.beyond_limits() if self.batched else [self.beyond_limits()]
-        rows = [(*row, what) for row, what in zip(rows, beyond, strict=True)]
+        keeps = np.ravel(self.keeps_limits(LIMIT_TOLERANCE))
+        rows = [(*row, "" if kept else what) for row, what, kept in zip(rows, beyond, keeps, strict=True)]
         return [Table("", ("problem", "status", *names, "beyond its limits"), rows, left=2)]
 
 
+LIMIT_TOLERANCE = 1e-3  # of `Options.limit_tolerance`: what is nearer to its limits is not printed
 PASSES = tuple(f.name for f in fields(Trace))
 APART = ("trace", "simulated", "header", "state_limits")  # have no axis of problems, or are no arrays
 ARRAYS = tuple(f.name for f in fields(Result) if f.name not in APART)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..control.cost_points import make_reach
+from ..device.compile import translate
 from ..factories import cached
 from .disturbances import ROUNDING, SINGLE
 
@@ -352,6 +353,17 @@ def make_price(cost: Any, VX: type, VU: type, dtype: type) -> Any:
         return wp.float64(running(weights, 0, x, u, k))
 
     return price
+
+
+@cached
+def check_user(function: wp.Function, nx: int, nu: int, dtype: type) -> None:
+    """An error where a function is no number of (x, u, time): it is translated on its own."""
+    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
+
+    def measured(x: VX, u: VU, out: wp.array(dtype=wp.float64)):
+        out[0] = wp.float64(function(x, u, out[1]))
+
+    translate(measured)
 
 
 def chained(users: tuple[wp.Function, ...], VX: type, VU: type) -> wp.Function:

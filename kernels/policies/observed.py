@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..device.compile import digest_of, specialised
+from ..device.compile import digest_of, specialised, translate
 from ..factories import cached
 from .contract import PolicyFunctions, PolicyKernel, make_policy
 from .function import made_of
@@ -66,6 +66,23 @@ def make_observed(inner: PolicyKernel, seen: Seen, nx: int, nu: int, dtype: type
     if size == 0:
         return PolicyFunctions(Observed, alone)
     return PolicyFunctions(Observed, remembering, size, start)
+
+
+@cached
+def seen_function(seen: Seen, nx: int, dtype: type) -> wp.Function:
+    """A user's function of the state, or an error where it is none: it is translated on its own."""
+    VX, VY = wp.types.vector(nx, dtype), wp.types.vector(seen.size, dtype)
+    function = made_of("observation", seen.function, [dtype, VX, VY])
+
+    @wp.func
+    def first(y: VY):
+        return y[0]
+
+    def shown(x: VX, out: wp.array(dtype=dtype)):
+        out[0] = first(function(x))
+
+    translate(shown)
+    return function
 
 
 @cached

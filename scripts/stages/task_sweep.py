@@ -56,7 +56,7 @@ def report_table(report: slcp.Report) -> Table:
     )
     found = {tuple(row[key] for key in KEYS): row for row in report.summary}
     deep = any(row["overlapping"].get("worlds") for row in found.values())
-    for heading in ("policy", "case", "success [%]", "undisturbed", *measures, "failed",
+    for heading in ("policy", "case", "success [%]", "undisturbed", *measures, "unsolved",
                     *(["begin in overlap"] if deep else [])):  # fmt: skip
         table.add_column(heading, justify="left" if heading in KEYS else "right", no_wrap=heading == "case")
     for (policy, case, step_size, arm), row in found.items():

@@ -7,6 +7,7 @@ import os
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,7 +39,8 @@ def one_line_errors(command: Callable[..., None]) -> Callable[..., None]:
     def run(*args: Any, **kwargs: Any) -> None:
         wp.config.log_level = wp.LOG_WARNING
         try:
-            command(*args, **kwargs)
+            with warnings_in_a_line():
+                command(*args, **kwargs)
         except KeyboardInterrupt:
             typer.echo("slcp: interrupted; nothing was saved", err=True)
             raise typer.Exit(INTERRUPTED) from None
@@ -53,6 +55,22 @@ def one_line_errors(command: Callable[..., None]) -> Callable[..., None]:
             raise typer.Exit(BAD_INPUT) from None
 
     return run
+
+
+@contextmanager
+def warnings_in_a_line() -> Iterator[None]:
+    """RuntimeWarnings as lines of their own, without the place in the code that they come from."""
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def show(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+            if issubclass(category, RuntimeWarning):
+                typer.echo(f"slcp: {one_line(message)}", err=True)
+            else:
+                usual(message, category, *where, **more)
+
+        warnings.showwarning = show
+        yield
 
 
 def one_line(error: Exception) -> str:

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.control.cost_functions import make_later, make_plain, make_quadratic
+from slcp_warp.kernels.control.cost_functions import check_cost, make_later, make_plain, make_quadratic
 from slcp_warp.kernels.control.costs import CostFunctions
 from slcp_warp.kernels.device.compile import seen_by
 from slcp_warp.kernels.factories import cached
 
 from ..inputs.checks import array, flag, function, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from ..inputs.user_code import UNKNOWN, Known, check_indices, of_user
 from .windows import Windows
 
 
@@ -118,11 +119,17 @@ class Cost:
 @cached
 def _functions(make: Callable[..., CostFunctions], seen: str, dtype: Any, nx: int, nu: int) -> CostFunctions:
     """What `make` gives; `seen`: digest of what it is made of."""
-    functions = make(dtype, wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype))
+    vectors = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
+    functions = make(dtype, *vectors)
     if not isinstance(functions, CostFunctions):
         raise ArgumentTypeError(
             f"a cost's make must return costs.CostFunctions, got {type(functions).__name__}"
         )
+    with of_user(f"costs: they are none of {nx} states and {nu} controls for {dtype.__name__}"):
+        check_cost(functions, dtype, *vectors)
+    x, u = Known(nx), Known(max(nu, 1))
+    check_indices("costs: running", functions.running, UNKNOWN, UNKNOWN, x, u)
+    check_indices("costs: final", functions.final, UNKNOWN, UNKNOWN, x)
     return functions
 
 

@@ -207,8 +207,8 @@ class Actuator:
 class Spring:
     """A spring and damper between two points of bodies (or of the world, None).
 
-    The force along the line of the points is stiffness (l - length) + damping dl/dt with l their distance,
-    rounded off below length/1000 + 1e-5 so that coincident points give finite derivatives (M26).
+    The force along the line of the points is stiffness (l - length) + damping dl/dt, l^2 = s^2 + eps^2 of
+    their distance s and eps = length/1000 + 1e-5, so that coincident points give finite derivatives (M26).
 
     Attributes:
         body_a, body_b: names of bodies, or None for the world.

@@ -1,20 +1,17 @@
 """A sweep of a task, chunk after chunk, and a report of what is finished."""
 
 import os
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from ..inputs import checks
 from ..inputs.errors import ArgumentError
-from ..results.overlaps import OVERLAP
 from ..runs.progress import Standing
-from .chunks import ARMS
 from .outcome import Report
 from .statistics.source import NOTED, MemorySource
+from .statistics.starts import Starts
 from .stored.sweep import StoredSweep
 from .stored.travel import given
 from .tasks import TaskSweep
@@ -54,29 +51,8 @@ def sweep_task(
         report = _in_memory(work, tell)
     else:
         report = _on_disk(work, out, texts, executor, choices.get("chunk"), tell)
-    if text := _overlapping(report):
-        warnings.warn(text, RuntimeWarning, stacklevel=3)
+    Starts.of(report.source).tell(stacklevel=3)
     return report
-
-
-def _overlapping(report: Report) -> str:
-    """Which of the first disturbed worlds begin in overlap, in words; empty where none does.
-
-    All policies meet the same worlds.
-    """
-    start = NOTED[0]
-    key = next((key for key in report.source.keys if key[3] == ARMS[0]), None)
-    block = None if key is None else next(report.source.blocks(key, (start,)), None)
-    if key is None or block is None or not (block[start] > OVERLAP).any():
-        return ""
-    depth = np.nan_to_num(block[start])
-    deepest = int(depth.argmax())
-    return (
-        f"{np.count_nonzero(depth > OVERLAP):,} of {len(depth):,} worlds begin in overlap, world "
-        f"{block['world'][deepest]} deepest, by {depth[deepest]:.2g}, which their first steps open at once, "
-        f"with speeds to {depth[deepest] / key[2]:.2g} a second: starts that fit what is drawn are needed "
-        f"(Report.table[{start!r}] says which worlds; Worlds.x0 gives starts)"
-    )
 
 
 def _in_memory(work: TaskSweep, progress: Progress) -> Report:

@@ -10,6 +10,7 @@ from slcp_warp.kernels.ensembles import measures as kernels
 
 from ..description.points import AXES, Point, point_numbers
 from ..description.scene import Scene
+from ..inputs.user_code import Known, check_indices, of_user
 from .reductions import Measure
 from .signals import OF_CONTACTS, Condition, Signal
 
@@ -93,6 +94,13 @@ class MeasureTable:
 
     def users(self, sim: Any) -> kernels.Users:
         """Code of users that a simulator's kernels call for them."""
+        for function in self._functions:
+            name = function.key.rpartition(".")[2]
+            with of_user(
+                f"measures.function: {name!r} is no f(x, u, time) of {sim.nx} states and {sim.nu} controls"
+            ):
+                kernels.check_user(function, sim.nx, sim.nu, sim.dtype)
+            check_indices("measures.function", function, Known(sim.nx), Known(max(sim.nu, 1)))
         cost = self._cost and self._cost.functions(sim.dtype, sim.nx, sim.nu)
         return kernels.Users(self._functions, cost, self._relative, self._gaps, bool(self._points))
 

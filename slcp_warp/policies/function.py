@@ -6,12 +6,13 @@ from typing import Any
 
 import warp as wp
 
-from slcp_warp.kernels.policies.contract import PolicyKernel
+from slcp_warp.kernels.policies.contract import PolicyFunctions, PolicyKernel
 from slcp_warp.kernels.policies.function import ARRAYS, Fields, function_kernel
 
 from ..inputs.arrays import kind_of
 from ..inputs.checks import array, function, shown, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from ..inputs.user_code import UNKNOWN, Known, check_indices, of_user
 from ..simulator import Simulator
 from .arrays import put
 
@@ -67,14 +68,13 @@ class Function:
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
-        try:
+        with of_user(
+            f"policies.Function: {self._kernel.in_words!r} is no control(data, world, step, x"
+            f"{', memory) -> (u, memory)' if self.memory else ') -> u'} for {sim.nx} states, {sim.nu} "
+            f"controls and {sim.dtype.__name__}"
+        ):
             functions = self._kernel.functions(sim.nx, sim.nu, sim.dtype)
-        except Exception as error:  # whatever a user's code, or Warp on it, raises
-            raise ArgumentTypeError(
-                f"policies.Function: {self._kernel.in_words!r} is no control(data, world, step, x"
-                f"{', memory) -> (u, memory)' if self.memory else ') -> u'} for {sim.nx} states, {sim.nu} "
-                f"controls and {sim.dtype.__name__}: {type(error).__name__}: {_last(error)}"
-            ) from error
+        self._check_indices(functions, sim.nx)
         struct = functions.Struct()
         for name, value in self.arrays.items():
             if isinstance(value, wp.array) and value.dtype is wp.int32:
@@ -84,6 +84,14 @@ class Function:
             else:
                 setattr(struct, name, put(sim, value, name) if value.ndim else float(value))
         return self._kernel, struct
+
+    def _check_indices(self, functions: PolicyFunctions, nx: int) -> None:
+        """Raise ArgumentError for an index that its arrays, a state or its memory do not have."""
+        shapes = tuple((name, tuple(a.shape)) for name, a in self.arrays.items() if a.ndim)
+        data, x = Known(arrays=shapes), Known(nx)
+        memory = Known(self.memory) if self.memory else UNKNOWN
+        check_indices("policies.Function", functions.control, data, UNKNOWN, UNKNOWN, x, memory)
+        check_indices("policies.Function", functions.start, data, UNKNOWN, x)
 
 
 def _numbers(name: str, value: Any) -> Any:
@@ -110,9 +118,3 @@ def _takes(name: str, given: Any, arguments: tuple[str, ...], types: int) -> Non
             raise ArgumentTypeError(f"{name} takes ({', '.join(came)}); ({', '.join(arguments)}) is needed")
         return
     function(name, given, types)
-
-
-def _last(error: Exception) -> str:
-    """The line of an error that says what is wrong."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return f"{lines[-1] if lines else ''}"[:300]

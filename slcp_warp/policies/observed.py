@@ -1,7 +1,6 @@
 """What a policy sees: some components of the state, or a user's function of it."""
 
-import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -11,11 +10,17 @@ import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.policies.contract import PolicyKernel
-from slcp_warp.kernels.policies.observed import Seen, make_observation_kernel, observed_kernel
+from slcp_warp.kernels.policies.observed import (
+    Seen,
+    make_observation_kernel,
+    observed_kernel,
+    seen_function,
+)
 
 from ..description.names import index_of
 from ..inputs.checks import attribute, function, shown, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from ..inputs.user_code import Known, check_indices, of_user
 from ..simulator import Simulator
 from ..stepping.arguments import checked_kernel
 from ..stepping.by_world import alike
@@ -54,11 +59,17 @@ class Observation:
         dtype = wp.dtype_from_numpy(x.dtype)
         state: wp.array = wp.array(x, dtype=dtype, device="cpu")
         out: wp.array = wp.zeros((len(x), self.size), dtype=dtype, device="cpu")
-        with _of_user():
-            kernel = make_observation_kernel(Seen(self.size, self.function), x.shape[1], dtype)
-            launch(kernel, len(x), [state, out], "cpu")
+        self.check(x.shape[1], dtype)
+        kernel = make_observation_kernel(Seen(self.size, self.function), x.shape[1], dtype)
+        launch(kernel, len(x), [state, out], "cpu")
         shown_of: np.ndarray = out.numpy()
         return shown_of
+
+    def check(self, nx: int, dtype: Any) -> None:
+        """Raise ArgumentTypeError, or of an index ArgumentError, for no function of so many states."""
+        with of_user(f"Observation.function is no f(x) -> y of {nx} states for {dtype.__name__}"):
+            function = seen_function(Seen(self.size, self.function), nx, dtype)
+        check_indices("Observation.function", function, Known(nx))
 
 
 class Observed:
@@ -88,6 +99,7 @@ class Observed:
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
         if isinstance(self.of, Observation):
+            self.of.check(sim.nx, sim.dtype)
             seen, places = Seen(self.of.size, self.of.function), []
             names: Sequence[str] = [str(i) for i in range(self.of.size)]
         else:
@@ -95,8 +107,7 @@ class Observed:
             seen = Seen(len(places))
         inner, inside = checked_kernel(self.policy, _view(sim, names))
         kernel = observed_kernel(inner, seen)
-        with _of_user():
-            struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
+        struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
         struct.inner = inside
         struct.places = wp.array(np.array(places, np.int32), dtype=wp.int32, device=sim.device)
         return kernel, struct
@@ -112,14 +123,6 @@ class Observed:
     def of_content(cls, content: Content) -> "Observed":
         """From what `content` gave."""
         return cls(policy_of(content.below("policy")), content.values["of"])
-
-
-@contextlib.contextmanager
-def _of_user() -> Iterator[None]:
-    try:
-        yield
-    except Exception as error:  # whatever a user's code, or Warp on it, raises
-        raise ArgumentTypeError(f"Observation.function cannot be used: {error}") from error
 
 
 def checked(label: str, of: Any) -> Any:

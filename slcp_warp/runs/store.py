@@ -195,11 +195,19 @@ class Store:
         return {str(parts.facts_of(self.part(index)).get("processor")) for index in self.finished()}
 
     def dataset(self) -> Any:
-        """The finished parts as a `pyarrow.dataset`, nothing read yet."""
+        """The finished parts as a `pyarrow.dataset`, nothing read yet.
+
+        Raises:
+            FileError: the first part is damaged.
+        """
         parts.arrow()
         import pyarrow.dataset
 
-        return pyarrow.dataset.dataset([str(self.part(i)) for i in self.finished()], format="parquet")
+        files = [str(self.part(i)) for i in self.finished()]
+        try:
+            return pyarrow.dataset.dataset(files, format="parquet")
+        except (pyarrow.ArrowInvalid, OSError) as error:
+            raise FileError(f"{self.folder}: a part cannot be read: {error}") from error
 
     @contextmanager
     def claim(self, index: int) -> Iterator[bool]:

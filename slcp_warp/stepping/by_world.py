@@ -60,10 +60,10 @@ def _looked_up(function: Any) -> set[str]:
                     alias[node.targets[0].id] = name
     asked = {
         id(inner)
-        for node in ast.walk(body) if isinstance(node, ast.If | ast.IfExp | ast.While)
-        and any(isinstance(each, ast.Name) and each.id in numbers for each in ast.walk(node.test))
+        for node in ast.walk(body)
+        if isinstance(node, ast.If | ast.IfExp | ast.While) and _names(node.test) & numbers
         for inner in ast.walk(node)
-    }  # fmt: skip
+    }
     found = set()
     for node in ast.walk(body):
         if isinstance(node, ast.Subscript) and id(node) not in asked:
@@ -71,6 +71,14 @@ def _looked_up(function: Any) -> set[str]:
             if isinstance(first, ast.Name) and first.id in numbers:
                 found |= _of(node.value, data, alias)
     return found
+
+
+def _names(node: ast.AST) -> set[str]:
+    """The names in an expression, but for those that only say what is looked up."""
+    if isinstance(node, ast.Subscript):
+        return set()
+    found = {node.id} if isinstance(node, ast.Name) else set()
+    return found.union(*map(_names, ast.iter_child_nodes(node)))
 
 
 def _of(value: ast.expr, data: str, alias: dict[str, str]) -> set[str]:

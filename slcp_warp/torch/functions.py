@@ -106,4 +106,6 @@ def given(sim: Simulator, name: str, value: Tensor, shape: tuple[int | None, ...
     ):
         need = ", ".join("N" if n is None else str(n) for n in shape)
         raise ArrayError(f"{name} has shape {tuple(value.shape)}; (B, {need}) or ({need}) is needed")
+    if None in shape and not batched.shape[1]:
+        raise ArrayError(f"{name} has shape {tuple(value.shape)}; at least one step is needed")
     return batched

@@ -40,3 +40,11 @@ def test_names_may_hold_what_stands_for_a_dot(device):
     module = slcp_torch.Rollout(sim, learn=("a:b.mass",))
     states = module(torch.ones(1, 2, dtype=torch.float64), torch.zeros(1, 3, 0, dtype=torch.float64)).states
     assert list(module.values()) == ["a:b.mass"] and states.shape == (1, 4, 2)
+
+
+def test_no_steps_are_refused():
+    scene = slcp.scenes.flicking_finger()
+    sim = slcp.Simulator(scene, device="cpu", dtype="float64")
+    x = torch.zeros(2, 6, dtype=torch.float64)
+    with pytest.raises(slcp.ArrayError, match=r"controls has shape \(2, 0, 2\); at least one step is needed"):
+        slcp_torch.rollout(sim, x, torch.zeros(2, 0, 2, dtype=torch.float64))

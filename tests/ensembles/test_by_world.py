@@ -58,6 +58,14 @@ def asked_before(data: Any, world: int, step: int, x: Any):
 
 
 @wp.func
+def in_a_question(data: Any, world: int, step: int, x: Any):
+    u = data.gain[0]
+    if data.gain[world] > data.gain[0]:
+        u = data.gain[world]
+    return wp.vector(u, length=1)
+
+
+@wp.func
 def taken_in_turn(data: Any, world: int, step: int, x: Any):
     world = world % 16
     return wp.vector(data.gain[world], length=1)
@@ -78,6 +86,7 @@ LOOKS_UP = {
     "gain": policies.Function(own_gain, gain=GAIN),
     "table": policies.Function(own_row, table=np.stack([GAIN, -GAIN], axis=1)),
     "another name": policies.Function(by_another_name, gain=GAIN),
+    "in a question": policies.Function(in_a_question, gain=GAIN),
     "start": policies.Function(remembered, memory=1, start=own_start, gain=GAIN),
     "behind": policies.Around(policies.Function(own_gain, gain=GAIN), delay=1),
 }

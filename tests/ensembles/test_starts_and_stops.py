@@ -56,7 +56,7 @@ def still(x, time):
 @pytest.mark.parametrize("policy", [until([-1] * 40), policies.Callback(still)], ids=["kernel", "host"])
 def test_drawn_sizes_that_overlap_are_told(strategy, policy):
     disturbed = task(disturbances=slcp.Disturbances(parameters={"ball.radius": 0.1}))
-    with pytest.warns(RuntimeWarning, match="of 40 worlds begin in overlap, world .* deepest, by") as told:
+    with pytest.warns(RuntimeWarning, match="of 40 worlds begin in overlap, of .* at most") as told:
         report = slcp.sweep(disturbed, policy, worlds=40, cases=HARD, dtype="float64", strategy=strategy)
     assert len(told) == 1
     drawn = slcp.Parameters(disturbed.scene).from_table(slcp.draw_worlds(disturbed, 40).params)
@@ -75,7 +75,9 @@ def test_drawn_sizes_that_overlap_are_told(strategy, policy):
 @pytest.mark.parametrize("strategy", ["specialised", "generic"])
 def test_limits_that_are_passed_at_the_start_count(strategy):
     beyond = task(start=(2.3, 0.1, 0.0, 0.0, 0.0, 0.0))
-    with pytest.warns(RuntimeWarning, match="begin in overlap, world 0 deepest, by 0.3, .* to 30 a second"):
+    with pytest.warns(
+        RuntimeWarning, match="4 of 4 worlds begin in overlap, of 0.3 at most, .* to 30 a second"
+    ):
         report = slcp.sweep(beyond, until([-1] * 4), worlds=4, cases=HARD, strategy=strategy)
     np.testing.assert_allclose(report.table["start_overlap"], 0.3, rtol=1e-5)
 
@@ -156,3 +158,26 @@ def test_what_cannot_be_played_again_is_refused():
         slcp.replay(task(), until([-1] * 2), slcp.Worlds(np.zeros((2, 6)) + 0.1, params))
     with pytest.raises(slcp.ArgumentTypeError, match="worlds is .*slcp_warp.Worlds"):
         slcp.replay(task(), until([-1]), 4)
+
+
+def test_all_questions_tell_of_worlds_that_overlap():
+    """Maps by the cell, the smallest failing disturbance of its own world."""
+    x = measures.final("ball.x")
+    high = measures.largest("ball.y") < 0.15
+    laid = task(success=high, measures={"x": x})
+    policy = policies.Linear(np.zeros((1, 6)), np.zeros(6), np.zeros(1))
+    offsets = ("ball.y", (-0.02, 0.0, 0.02)), ("ball.mass", (0.9, 1.1))
+    with pytest.warns(RuntimeWarning, match="12 of 36 worlds begin in overlap, of 0.02 at most"):
+        found = slcp.robustness_map(laid, policy, *offsets, worlds=6, case=HARD)
+    np.testing.assert_array_equal(found.overlapping, [[6, 0, 0]] * 2)
+    assert "*: worlds begin in overlap" in str(found) and "*" in str(found).splitlines()[-1]
+    drawn = laid.replace(disturbances=slcp.Disturbances(parameters={"ball.radius": 0.3}))
+    with pytest.warns(RuntimeWarning, match="begin in overlap"):
+        slcp.sensitivity(drawn, policy, measure="x", samples=8, case=HARD)
+    with pytest.warns(RuntimeWarning, match="begin in overlap"):
+        slcp.compare_sequentially(drawn, {"a": policy, "b": policy}, worlds=16, batch=8, case=HARD)
+    with pytest.warns(RuntimeWarning, match="begin in overlap"):
+        slcp.failure_share(drawn, policy, islands=2, particles=20, length=4, case=HARD)
+    smallest = slcp.falsify(drawn, policy, "parameters", case=HARD, gradients=False)
+    assert smallest.found and smallest.overlap > 1e-3
+    assert f"it begins in overlap, by {smallest.overlap:.2g}" in repr(smallest)

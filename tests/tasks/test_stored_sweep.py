@@ -49,6 +49,23 @@ def test_the_table_is_that_of_a_sweep_in_memory(tmp_path):
     assert memory.dataset().count_rows() == len(b["world"]) == seen[-1][0] == seen[-1][1] == 62
 
 
+def test_another_order_is_said(tmp_path):
+    """It was told that the sweep is cut otherwise, which no chunk mended."""
+    slcp.sweep(task(), TWO, out=tmp_path / "run", **FIELDS)
+    with pytest.raises(
+        FileError, match="in another order; give its policies all, half; cases rem-logistic; "
+    ):
+        slcp.sweep(task(), dict(reversed(TWO.items())), out=tmp_path / "run", **FIELDS)
+
+
+def test_a_dataset_of_damaged_parts_is_refused(tmp_path):
+    report = slcp.sweep(task(), TWO, out=tmp_path / "run", **FIELDS)
+    store = report.source.store
+    store.part(0).write_bytes(b"PAR1 no more")
+    with pytest.raises(FileError, match="a part cannot be read"):
+        slcp.load_report(tmp_path / "run").dataset()
+
+
 def test_records_are_kept_and_gone_on_with(tmp_path):
     def stop(done, total):
         if done:

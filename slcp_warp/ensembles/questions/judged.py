@@ -11,7 +11,8 @@ from ...options import Options
 from ...stepping.arguments import policy_arrays
 from ...stepping.host import acts_on_host
 from ...tasks.task import Task
-from ..statistics.source import Columns, joined
+from ..statistics.source import NOTED, Columns, joined
+from ..statistics.starts import Starts
 from ..tasks import TaskSweep, policies_by_name
 from ..worlds import Worlds
 
@@ -23,6 +24,7 @@ class Judge:
         task: what is run.
         name: of the policy.
         done: worlds so far.
+        starts: of these, which begin in overlap.
     """
 
     def __init__(
@@ -49,7 +51,7 @@ class Judge:
         ((self.name, self._policy),) = named.items()
         self._progress: Callable[[int, int], None] | None = checks.function("progress", progress, 2, True)
         self._choices = choices | {"seed": seed, "cases": task.options if case is None else case}
-        self.done = 0
+        self.done, self.starts = 0, Starts()
         self._check_policy(most)
 
     def _check_policy(self, most: int | None) -> None:
@@ -65,6 +67,7 @@ class Judge:
         for world0 in range(0, part.worlds, part.at_once):
             pieces.append(work.rows(part, world0, min(part.at_once, part.worlds - world0)))
             self.done += len(pieces[-1]["world"])
+            self.starts.add(pieces[-1][NOTED[0]], part.step_size)
             if self._progress is not None:
                 self._progress(self.done, total)
         return joined(pieces)

@@ -14,11 +14,13 @@ from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
 from ...options import Options
 from ...parameters import Parameters
+from ...results.overlaps import OVERLAP
 from ...storage.printed import Printed, Table
 from ...storage.rows import save_rows
 from ...tasks.disturbances import LogNormal, Normal, Uniform, laws
 from ...tasks.task import Task
 from ..statistics.intervals import share_interval
+from ..statistics.source import NOTED
 from ..worlds import Worlds, draw_worlds
 from ..worlds.corners import columns_of_corners
 from .judged import Judge
@@ -39,6 +41,7 @@ class RobustnessMap(Printed):
         successes: (Y, X) worlds that succeeded.
         worlds: of every cell, the same in all of them.
         policy: its name.
+        overlapping: (Y, X) worlds that begin in overlap, by 1e-6 and more: their first steps throw them out.
     """
 
     x: str
@@ -48,6 +51,7 @@ class RobustnessMap(Printed):
     successes: np.ndarray
     worlds: int
     policy: str
+    overlapping: np.ndarray | None = None
 
     @property
     def share(self) -> np.ndarray:
@@ -76,10 +80,17 @@ class RobustnessMap(Printed):
             *(f"{value:.3g}" for value in self.x_values),
         )
         rows = [
-            (f"{value:.3g}", *(f"{100.0 * share:.0f}" for share in row))
-            for value, row in zip(self.y_values, self.share[0])
+            (f"{value:.3g}", *(f"{100.0 * share:.0f}{mark}" for share, mark in zip(row, marks)))
+            for value, row, marks in zip(self.y_values, self.share[0], self._marks)
         ]
-        return [Table("success [%]", head, rows[::-1])]
+        title = "success [%]" + ("; *: worlds begin in overlap" if "*" in self._marks else "")
+        return [Table(title, head, rows[::-1])]
+
+    @property
+    def _marks(self) -> np.ndarray:
+        """(Y, X) what stands behind a cell's share."""
+        found = np.zeros_like(self.successes) if self.overlapping is None else self.overlapping
+        return np.where(found > 0, "*", "")
 
 
 def robustness_map(
@@ -130,7 +141,7 @@ def robustness_map(
     base = draw_worlds(task, worlds, seed, dtype=dtype, device=device)
     repeated = base[np.tile(np.arange(worlds), width)]
     along = np.repeat(across[1], worlds)
-    successes = np.zeros((height, width), np.int64)
+    successes, overlapping = np.zeros((2, height, width), np.int64)
     for j, value in enumerate(down[1]):
         axes = [(across[0], along), (down[0], np.full(len(along), value))]
         cells = repeated
@@ -138,7 +149,9 @@ def robustness_map(
             cells = changed(task, cells, name, values)
         found = judge.run(cells, worlds * width * height)
         successes[j] = found["success"].reshape(width, worlds).sum(axis=1)
-    return RobustnessMap(across[0], down[0], across[1], down[1], successes, worlds, judge.name)
+        overlapping[j] = (found[NOTED[0]] > OVERLAP).reshape(width, worlds).sum(axis=1)
+    judge.starts.tell(stacklevel=2)
+    return RobustnessMap(across[0], down[0], across[1], down[1], successes, worlds, judge.name, overlapping)
 
 
 def _set_twice(task: Task, x: str, y: str) -> bool:

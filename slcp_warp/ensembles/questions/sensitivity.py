@@ -118,4 +118,5 @@ def sensitivity(
     found = sobol_indices(of(a), of(b), np.array([of(exchanged(a, b, factor)) for factor in factors]), seed)
     names = tuple(factor.name for factor in factors)
     share = found.samples / samples
+    judge.starts.tell(stacklevel=2)
     return Sensitivity(measure, judge.name, names, found.first, found.total, total, finite=share)

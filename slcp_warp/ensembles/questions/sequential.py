@@ -14,6 +14,7 @@ from ..outcome import Report
 from ..statistics.intervals import Interval
 from ..statistics.sequential import STATISTICS, RunningDifference
 from ..statistics.source import MemorySource
+from ..statistics.starts import Starts
 from ..tasks import TaskSweep
 
 LEAST = 256  # worlds before a difference of means is judged
@@ -165,6 +166,7 @@ def compare_sequentially(
         out.report.complete = True
     except KeyboardInterrupt:
         pass
+    Starts.of(source).tell(stacklevel=2)
     return out
 
 

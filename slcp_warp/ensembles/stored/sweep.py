@@ -62,8 +62,10 @@ class StoredSweep:
         arrow()  # before the kernels are compiled
         path = checks.path("out", folder)
         job = SweepJob(work, path, texts)
-        if not _take_over(job, path) and chunk is None:
-            work.cut(measured(work, threads))
+        if not _take_over(job, path):
+            _check_order(job, path)
+            if chunk is None:
+                work.cut(measured(work, threads))
         try:
             store = Store.open(path, job)
         except FileError:
@@ -131,6 +133,20 @@ class StoredSweep:
         """Of the chunks that are finished."""
         source = StoreSource(self.store, self.job.work.chunks)
         return Report(self.job.work.task, source, complete=not self.store.missing())
+
+
+def _check_order(job: SweepJob, folder: Path) -> None:
+    """Raise FileError where the store in a folder has the same parts in another order."""
+    if not (folder / manifest.NAME).exists() or (there := Store(folder).manifest).kind != KIND:
+        return
+    mine, parts = (
+        [part.keys for part in chunks.parts] for chunks in (job.work.chunks, chunks_of(there.layout))
+    )
+    if mine != parts and sorted(mine) == sorted(parts):
+        names = ("policies", "cases", "step sizes")
+        order = (f"{name} {', '.join(map(str, dict.fromkeys(key[i] for key in parts)))}"
+                 for i, name in enumerate(names))  # fmt: skip
+        raise FileError(f"{folder} holds this sweep in another order; give its {'; '.join(order)} so")
 
 
 def _take_over(job: SweepJob, folder: Path) -> bool:

@@ -52,6 +52,10 @@ def test_what_ends_beyond_its_limits_says_by_how_much_and_when():
     assert not broken.keeps_limits(1e-3) and broken.keeps_limits(1.01 * by)
     batch = broken.as_batch()
     assert batch.beyond_limits() == [said] and batch.keeps_limits(1e-3).tolist() == [False]
+    lower, upper = broken.state_limits
+    within = replace(broken, state_limits=(lower, upper + [0.0, by - 5e-4]))
+    assert within.beyond_limits() == f"x[1] by 0.0005 in step {step}"  # less than the passes' tolerance
+    assert "beyond its limits x" not in repr(within) and "by 0.0005" not in str(within)
     soft = ddp.solve(problem, x0, np.zeros((30, 1)), ddp.Options(max_iterations=1, limit_rounds=0))
     assert soft.status == ddp.Status.MAX_ITERATIONS
     free = ddp.solve(double_integrator(None)[0], x0, np.zeros((30, 1)))

@@ -199,6 +199,7 @@ def failure_share(
     of = estimate(found, alone=bool(silent.names))
     reached = np.array([found.reached(k).mean() for k in range(len(levels.scores))])
     failing = numbers.worlds(found.ended[:KEPT]) if found.ended.size else None
+    trial.starts.tell(stacklevel=2)
     return FailureShare(
         task.name, of.share, of.low, of.high, np.array(levels.scores), reached, found.accepted, of.islands,
         trial.worlds, of.plain, of.led, silent.names, of.jumps, failing, seed,

@@ -10,6 +10,7 @@ import numpy as np
 from ....inputs.errors import ArgumentError
 from ....options import Options, Status
 from ....results import Trajectory
+from ....results.overlaps import OVERLAP
 from ....storage.printed import Printed, Table
 from ....tasks.task import Task
 from ...store import save_table
@@ -27,7 +28,7 @@ class Falsification(Printed):
     Attributes:
         task: with the disturbances that were searched, their standard deviations the units of size.
         size: Euclidean length in standard deviations; infinite: none was found up to `most`; 0: the policy
-            fails undisturbed.
+            fails where all that is drawn has its median, which of a `Uniform` start is not the task's own.
         values: what is disturbed, by name: (value, standard deviations from the middle).
         world: the failing world, as `slcp_warp.sweep(task, policy, worlds=...)` takes it; None: none.
         scenario: a task of that one world, to save and to run again; None: none.
@@ -41,6 +42,7 @@ class Falsification(Printed):
         options: of the steps that it fails under.
         by: names of what was searched; `left`: what the task disturbs beside it, and the search did not.
         shared: the names in `values`, those together that one number draws; it counts once in `size`.
+        overlap: how deep the failing world begins in overlap [m, rad]: it may fail as it is thrown out of it.
     """
 
     task: Task
@@ -61,6 +63,7 @@ class Falsification(Printed):
     by: tuple[str, ...] = ()
     left: tuple[str, ...] = ()
     shared: tuple[tuple[str, ...], ...] = ()
+    overlap: float = 0.0
 
     @property
     def found(self) -> bool:
@@ -120,10 +123,14 @@ class Falsification(Printed):
         if not self.found:
             return f"{of}: nothing up to {self.most:g} standard deviations fails; {self.tried:,} worlds tried"
         if not self.size:
-            return f"{of}: the policy fails undisturbed; {self.tried:,} worlds tried"
+            return (
+                f"{of}: the policy fails where all that is drawn has its median; {self.tried:,} worlds tried"
+            )
         share = f"{100.0 * self.rarer:.3g} % of what is drawn is as large"
+        begins = f"; it begins in overlap, by {self.overlap:.2g}" if self.overlap > OVERLAP else ""
         return (
             f"{of}: fails from {self.size:.4g} standard deviations on; {share}; {self.tried:,} worlds tried"
+            f"{begins}"
         )
 
     def _how(self, kind: str) -> str:

@@ -193,6 +193,7 @@ class Hunt:
             margin=float(self.judge(ends.values, ends.success)[0]),
             status=Status(int(ends.status[0])),
             tried=self.quick.worlds + self.exact.worlds,
+            overlap=float(ends.overlap[0]),
             **common,
         )
 

@@ -16,6 +16,8 @@ from ....stepping.by_world import alike
 from ....stepping.host import acts_on_host
 from ....tasks.task import Task
 from ...launch import worlds_at_once
+from ...statistics.source import NOTED
+from ...statistics.starts import Starts
 from ...tasks import case_of, policy_of, succeeded
 from ...worlds import Worlds
 from ...worlds.between import observed
@@ -29,11 +31,13 @@ class Ends(NamedTuple):
         values: (B, M) of the measures.
         success: (B,).
         status: (B,) as `slcp_warp.Status`.
+        overlap: (B,) how deep rows overlap at the start, NaN: not known [m, rad].
     """
 
     values: np.ndarray
     success: np.ndarray
     status: np.ndarray
+    overlap: np.ndarray
 
 
 class Trial:
@@ -43,6 +47,7 @@ class Trial:
         sim: whose steps they make.
         step_size: [s].
         worlds: run so far.
+        starts: of these, which begin in overlap.
         alike: whether the policy acts by state and time alone in all worlds.
 
     Raises:
@@ -70,7 +75,7 @@ class Trial:
         size = task.scene.step_size if step_size is None else step_size
         self.step_size = number("step_size", size, 0.0, above=True)
         nearest_steps("Task.duration", task.duration, self.step_size)
-        self.task, self.worlds = task, 0
+        self.task, self.worlds, self.starts = task, 0, Starts()
         self.sim = Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
         judged = [*measures, *(() if task.success is None else task.success.parts())]
         judged += [] if task.failure is None else [first_time(task.failure)]
@@ -94,7 +99,9 @@ class Trial:
         status = np.concatenate([part["status"] for part in found])
         own = {measure: values[:, j] for j, measure in enumerate(self._judged)}
         self.worlds += count
-        return Ends(values[:, : self._measures], succeeded(self.task, own, status), status)
+        overlap = np.concatenate([part[NOTED[0]] for part in found])
+        self.starts.add(overlap, self.step_size)
+        return Ends(values[:, : self._measures], succeeded(self.task, own, status), status, overlap)
 
 
 def checked_options(task: Task, case: Any) -> Options:

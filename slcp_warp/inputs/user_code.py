@@ -1,0 +1,178 @@
+"""Users' Warp functions: what Warp cannot translate, and indices that are beyond what they index.
+
+The latter are read off the code, as Warp does not look. An index counts that is a number in the code, or
+a name of one outside of the function; one that is computed, or behind a condition that asks for a length, is
+the user's.
+"""
+
+import ast
+import contextlib
+import functools
+import inspect
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from .errors import ArgumentError, ArgumentTypeError
+
+Shapes = tuple[tuple[str, tuple[int, ...]], ...]  # of the arrays of a struct, by name
+MOST = 8  # functions that call each other
+
+
+class Known(NamedTuple):
+    """What is known of an argument: a vector's length, or the shapes of a struct's arrays."""
+
+    length: int | None = None
+    arrays: Shapes = ()
+
+
+UNKNOWN = Known()
+
+
+@contextlib.contextmanager
+def of_user(what: str) -> Iterator[None]:
+    """Errors of a user's code, or of Warp on it, as one ArgumentTypeError; `what` says what it is not."""
+    try:
+        yield
+    except ArgumentError:
+        raise
+    except Exception as error:
+        raise ArgumentTypeError(f"{what}: {type(error).__name__}: {last_line(error)}") from error
+
+
+def last_line(error: Exception) -> str:
+    """The line of an error that says what is wrong."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return f"{lines[-1] if lines else ''}"[:300]
+
+
+def check_indices(label: str, function: Any, *known: Known) -> None:
+    """Raise ArgumentError for an index in a function, or in what it calls, that its arguments do not have.
+
+    Args:
+        label: what the function is.
+        known: of its arguments in their order; those that are left out are not known.
+    """
+    if function is not None and (wrong := _wrong(function, known, MOST)):
+        raise ArgumentError(f"{label}: {wrong}")
+
+
+@functools.lru_cache(1024)
+def _wrong(function: Any, known: tuple[Known, ...], depth: int) -> str:
+    """What is wrong, in words, or ""."""
+    adjoint = getattr(function, "adj", None)
+    body = adjoint.tree.body[0] if getattr(adjoint, "tree", None) is not None else None
+    if not isinstance(body, ast.FunctionDef) or depth == 0:
+        return ""
+    outside = _outside(adjoint.func)
+    there = dict(zip((each.arg for each in body.args.args), known))
+    there = _locals(body, there, outside)
+    guarded = {
+        id(inner)
+        for node in ast.walk(body)
+        if isinstance(node, ast.If | ast.IfExp | ast.While) and _asks(node.test)
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(body):
+        if id(node) in guarded:
+            continue
+        found = ""
+        if isinstance(node, ast.Subscript):
+            found = _index(node, there, outside)
+        elif isinstance(node, ast.Call):
+            called = outside.get(node.func.id) if isinstance(node.func, ast.Name) else None
+            if isinstance(called, wp.Function):
+                given = (there.get(a.id, UNKNOWN) if isinstance(a, ast.Name) else UNKNOWN for a in node.args)
+                found = _wrong(called, tuple(given), depth - 1)
+                if found:
+                    return found
+        if found:
+            return f"{body.name} has {found}"
+    return ""
+
+
+def _outside(function: Any) -> Mapping[str, Any]:
+    """Names that a function has from outside."""
+    try:
+        names = inspect.getclosurevars(function)
+    except (TypeError, ValueError):
+        return {}
+    return {**names.globals, **names.nonlocals}
+
+
+def _locals(
+    body: ast.FunctionDef, there: Mapping[str, Known], outside: Mapping[str, Any]
+) -> dict[str, Known]:
+    """What is known of names: of arguments that stay what they are, and of vectors that are made here."""
+    made: dict[str, set[int | None]] = {}
+    for node in ast.walk(body):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            made.setdefault(node.id, set())
+    for node in ast.walk(body):
+        if isinstance(node, ast.Assign):
+            for target in node.targets:
+                if isinstance(target, ast.Name):
+                    made[target.id].add(_length_made(node.value, outside))
+        elif isinstance(node, ast.AugAssign | ast.AnnAssign | ast.For) and isinstance(node.target, ast.Name):
+            made[node.target.id].add(None)
+    out = {name: each for name, each in there.items() if name not in made}
+    for name, lengths in made.items():
+        if len(lengths) == 1 and None not in lengths and name not in there:
+            out[name] = Known(next(iter(lengths)))
+    return out
+
+
+def _length_made(value: ast.expr, outside: Mapping[str, Any]) -> int | None:
+    """The length of a vector that a value makes by its type."""
+    if isinstance(value, ast.Call) and isinstance(value.func, ast.Name):
+        length = getattr(outside.get(value.func.id), "_length_", None)
+        return length if isinstance(length, int) else None
+    return None
+
+
+def _asks(test: ast.expr) -> bool:
+    """Whether a condition asks for a length, or is settled before the kernel is made."""
+    for node in ast.walk(test):
+        if isinstance(node, ast.Call):
+            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            if name in ("static", "len"):
+                return True
+        if isinstance(node, ast.Attribute) and node.attr == "shape":
+            return True
+    return False
+
+
+def _index(node: ast.Subscript, there: Mapping[str, Known], outside: Mapping[str, Any]) -> str:
+    """An index that is beyond, in words, or ""."""
+    value = node.value
+    if isinstance(value, ast.Name):
+        known = there.get(value.id, UNKNOWN)
+        at = _number(node.slice, there, outside)
+        if known.length is None or at is None or -known.length <= at < known.length:
+            return ""
+        return f"{value.id}[{at}]; {value.id} has {known.length} numbers"
+    if not (isinstance(value, ast.Attribute) and isinstance(value.value, ast.Name)):
+        return ""
+    shapes = dict(there.get(value.value.id, UNKNOWN).arrays)
+    if value.attr not in shapes:
+        return ""
+    places = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+    for place, size in zip(places, shapes[value.attr]):
+        at = _number(place, there, outside)
+        if at is not None and not -size <= at < size:
+            whole = f"{value.value.id}.{value.attr}"
+            index = ", ".join(ast.unparse(each) for each in places)
+            return f"{whole}[{index}]; {whole} has shape {shapes[value.attr]}"
+    return ""
+
+
+def _number(place: ast.expr, there: Mapping[str, Known], outside: Mapping[str, Any]) -> int | None:
+    """The whole number that an index is, if the code says so."""
+    if isinstance(place, ast.UnaryOp) and isinstance(place.op, ast.USub):
+        inside = _number(place.operand, there, outside)
+        return None if inside is None else -inside
+    found = place.value if isinstance(place, ast.Constant) else None
+    if isinstance(place, ast.Name) and place.id not in there:
+        found = outside.get(place.id)
+    return found if isinstance(found, int) and not isinstance(found, bool) else None
