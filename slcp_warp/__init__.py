@@ -9,7 +9,7 @@ from .storage.installed import require_installed
 require_installed(__name__, __path__[0])
 
 from . import costs, measures, policies, runs, scenes, tasks
-from .description.mjcf import MjcfError, load_mjcf
+from .description.mjcf import MjcfError, load_mjcf, mjcf_control_limits
 from .description.parts import Actuator, Body, Contact, Shape, Spring, Tendon, box, touching
 from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
@@ -106,6 +106,7 @@ __all__ = [
     "load_scene",
     "load_task",
     "measures",
+    "mjcf_control_limits",
     "particle_rollout",
     "particles",
     "policies",

@@ -168,16 +168,22 @@ class Parameters(Printed):
 
     def gradient(self, name: str) -> np.ndarray:
         """The gradient collected by backward passes of tapes, of the shape that the parameter has: its own
-        where all worlds share the table (then the sum over worlds), else (B, *shape).
+        where all worlds share the table (then the sum over worlds), else (B, *shape); of one part, as
+        "box.mass", that of its number or numbers.
 
         Raises:
             ParameterError: unknown name, or parameters that are not tracked.
         """
-        self._known(name)
+        part = isinstance(name, str) and "." in name
+        self._check_parts([name]) if part else self._known(name)
         if not self.requires_grad:
             raise ParameterError("these parameters are not tracked; use params.track() in the rollout")
-        start, shape = self.layout.offset(name), self.layout.shape(name)
         table = sum((a.grad.numpy() for a in self._uploaded.values()), np.zeros_like(self.table()))
+        if part:
+            places = places_of(self.scene, name, "parameters")
+            rows = table[:, places if len(places) > 1 else places[0]]
+            return rows[0] if self.worlds is None else rows
+        start, shape = self.layout.offset(name), self.layout.shape(name)
         block = table[:, start : start + int(np.prod(shape, dtype=int))].reshape((len(table), *shape))
         return block[0] if self.worlds is None else block
 

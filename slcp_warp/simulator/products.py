@@ -4,7 +4,7 @@ The same numbers come from a `wp.Tape` (vjp) or from `Simulator.linearize`; thes
 """
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,7 +75,8 @@ def vjp(
         controls: (B, N, nu).
         weights: (B, N+1, nx), of the states.
         params: as for `Simulator.rollout`.
-        parameters: name or names of parameters whose gradients are wanted, too; they come per world.
+        parameters: name or names of parameters whose gradients are wanted, too; they come per world. Of one
+            part, "box.mass", that of its number, (B,), or of its numbers, (B, k).
         external_force: as for `Simulator.rollout`.
 
     Returns:
@@ -92,14 +93,15 @@ def vjp(
     weights = _array("weights", weights, shape)
     sim.parameter_array(params, worlds)  # whether they fit
     given = sim.params if params is None else params
-    parameters = names("parameters", parameters, given.names, error=ParameterError)
+    known = [*given.names, *_parts(given, parameters)]
+    parameters = names("parameters", parameters, known, error=ParameterError)
     if parameters:
         own = {name: np.broadcast_to(given[name], (worlds, *sim.params[name].shape)) for name in given.names}
         given = given.replace(**own).track()
 
     if not worlds:  # a tape has no gradients of empty arrays
         traj = sim.rollout(x0, controls, given)
-        none = {name: np.zeros((0, *sim.params[name].shape)) for name in parameters}
+        none = {name: np.zeros((0, *np.shape(sim.params[name]))) for name in parameters}
         return Pullback(x0, controls, none, traj.states, traj.status)
 
     def put(a: np.ndarray) -> wp.array:
@@ -115,6 +117,15 @@ def vjp(
         tape.backward(grads={traj.states: wp.array(weights, dtype=sim.dtype, device=sim.device)})
     found = {name: given.gradient(name) for name in parameters}
     return Pullback(x.grad.numpy(), us.grad.numpy(), found, traj.states.numpy(), traj.status.numpy())
+
+
+def _parts(params: Parameters, asked: Any) -> list[str]:
+    """Names of single parts among those that are asked for; an unknown one is a ParameterError."""
+    several = [asked] if isinstance(asked, str) else asked if isinstance(asked, Collection) else []
+    found = [name for name in several if isinstance(name, str) and "." in name]
+    for name in found:
+        params[name]
+    return found
 
 
 def jvp(

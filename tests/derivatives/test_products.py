@@ -70,6 +70,24 @@ def test_weighted_hessian_is_the_difference_of_the_weighted_gradient(device):
         np.testing.assert_allclose(hessian[:, j], column, atol=1e-5 * np.abs(hessian).max())
 
 
+def test_gradients_by_numbers_of_single_parts(device):
+    sim = finger(device)
+    x0, us, weight = start()
+    pair = sim.scene.pair_names[0]
+    names = ("mass", "com", "friction", "link2.mass", "link1.com", "link2.com_y", f"{pair}.friction")
+    back = slcp.vjp(sim, x0, us, weight, parameters=names).parameters
+    bodies = [body.name for body in sim.scene.bodies]
+    one, two = bodies.index("link1"), bodies.index("link2")
+    assert np.abs(back["mass"][:, two]).min() > 0.0
+    np.testing.assert_array_equal(back["link2.mass"], back["mass"][:, two])
+    np.testing.assert_array_equal(back["link1.com"], back["com"][:, one])
+    np.testing.assert_array_equal(back["link2.com_y"], back["com"][:, two, 1])
+    np.testing.assert_array_equal(back[f"{pair}.friction"], back["friction"][:, 0])
+    for wrong in ("link3.mass", "link2.weight"):
+        with pytest.raises(slcp.ParameterError, match=wrong.replace("link2.", "")):
+            slcp.vjp(sim, x0, us, weight, parameters=("mass", wrong))
+
+
 def test_bad_arguments_are_named(device):
     sim = finger(device)
     x0, us, weight = start()

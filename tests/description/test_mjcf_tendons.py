@@ -120,3 +120,23 @@ def test_a_constant_pull_needs_a_spring(tmp_path):
     sprung = TENDONS.replace('name="flexor"', 'name="flexor" stiffness="4" springlength=".1"')
     found = slcp.load_mjcf(model(tmp_path, sprung, pull)).tendons[1]
     assert found.length == pytest.approx(0.1 + 2.0 / 4.0 - 0.02 * np.deg2rad(0.1) - 2.0 * 0.3)
+
+
+def test_ranges_of_controls_are_limits_of_a_task(tmp_path):
+    limited = (
+        '<motor tendon="flexor" ctrllimited="true" ctrlrange="-1 2"/><motor joint="r" ctrlrange="-.5 .5"/>'
+    )
+    path = model(tmp_path, actuators=limited)
+    lower, upper = slcp.mjcf_control_limits(path)
+    assert lower.tolist() == [-np.inf, -1.0, -0.5] and upper.tolist() == [np.inf, 2.0, 0.5]
+    task = slcp.Task("grip", slcp.load_mjcf(path), duration=0.1, control_limits=(lower, upper))
+    push = slcp.policies.Linear(np.zeros((3, 8)), np.zeros(8), [5.0, 5.0, -5.0])
+    held = slcp.policies.Linear(np.zeros((3, 8)), np.zeros(8), [5.0, 2.0, -0.5])
+    end = {name: slcp.measures.final(name) for name in ("palm.shift", "left.angle", "right.angle")}
+    rows = slcp.sweep(
+        task.replace(measures=end), {"push": push, "held": held}, worlds=1, cases=slcp.Options()
+    )
+    for name in end:
+        assert rows.part("push")[name] == rows.part("held")[name] != 0.0
+    with pytest.raises(FileNotFoundError):
+        slcp.mjcf_control_limits(tmp_path / "none.xml")

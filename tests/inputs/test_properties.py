@@ -80,6 +80,9 @@ CALLS = {
     "Contact": (slcp.Contact, {"shape_a": "a", "shape_b": "b"}, {}),
     "Actuator": (slcp.Actuator, {"body": "a"}, {}),
     "Spring": (slcp.Spring, {"body_a": "a", "body_b": None}, {}),
+    "Tendon": (slcp.Tendon, {"name": "a", "coordinates": ("b.x",), "coefficients": (1.0,)},
+        {"coefficients": ("coordinates",)}),
+    "Actuator of a tendon": (slcp.Actuator, {"tendon": "a"}, {"body": ("tendon",)}),
     "Scene": (slcp.Scene, {f.name: getattr(FINGER, f.name) for f in dataclasses.fields(FINGER) if f.init},
         {"shapes": ("shape",), "bodies": ("body",)}),
     "box": (slcp.box, {"name": "a", "body": None, "width": 1.0, "height": 1.0}, {"name": ("shape",)}),
@@ -130,6 +133,7 @@ CALLS = {
     "load_scene": (slcp.load_scene, {"path": "/nowhere/scene.toml"}, {}),
     "save_scene": (slcp.save_scene, {"scene": FINGER, "path": "/nowhere/scene.json"}, {}),
     "load_mjcf": (slcp.load_mjcf, {"path": HOPPER}, {}),
+    "mjcf_control_limits": (slcp.mjcf_control_limits, {"path": HOPPER}, {}),
     "Regularization": (
         lambda **fields: ddp.Regularization(**fields).rows(), dataclasses.asdict(ddp.Regularization()),
         {"state_weight": ("control_weight",)}),
@@ -208,6 +212,9 @@ CALLS = {
     "load_worlds": (slcp.load_worlds, {"path": "/nowhere/worlds.npz"}, {}),
     "save_worlds": (slcp.save_worlds, {"worlds": slcp.Worlds(X), "path": "/nowhere/worlds.npz"}, {}),
     "draw_worlds": (slcp.draw_worlds, {"task": KICKED, "worlds": 2, "device": "cpu"}, {}),
+    "replay": (
+        slcp.replay, {"task": KICKED, "policy": library().policy(), "worlds": slcp.draw_worlds(KICKED, 2),
+            "device": "cpu"}, {}),
     "failure_share": (
         slcp.failure_share, {"task": JUDGED, "policy": library().policy(), "device": "cpu"},
         {"options": ("cases",), "policy": ("policies",), "step_size": ("step_sizes",)}),

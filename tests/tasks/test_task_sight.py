@@ -115,7 +115,7 @@ def test_a_function_of_the_state_that_cannot_be_used_is_said_so(device):
     def broken(dtype, VX, VY):
         raise KeyError("nothing")
 
-    with pytest.raises(slcp.InputError, match="Observation.function cannot be used: .*nothing"):
+    with pytest.raises(slcp.InputError, match="Observation.function is no f.x. -> y of .*nothing"):
         swept(device, "specialised", seeing(observation=policies.Observation(broken, 2)), Host(), worlds=1)
 
 

@@ -8,6 +8,7 @@ controls, which are a task's, are not read. docs/reference/scene_files.md has th
 import math
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from .plane import MjcfError, Plane, named, plane_of
 from .refused import TENDONS, WORDS, is_disabled, refuse_what_is_missing
 from .tendons import joints_of, read_tendons
 
-__all__ = ["MjcfError", "load_mjcf"]
+__all__ = ["MjcfError", "load_mjcf", "mjcf_control_limits"]
 
 
 def load_mjcf(
@@ -49,21 +50,43 @@ def load_mjcf(
         FileNotFoundError: no such file.
         ImportError: the package mujoco is not installed.
     """
-    try:
-        import mujoco
-    except ImportError as error:
-        raise ImportError("reading MJCF needs the package mujoco: pip install 'slcp-warp[mjcf]'") from error
     path, chosen = checks.path("path", path), None if plane is None else Plane(plane)
     left_out = (left_out,) if isinstance(left_out, str) else left_out
     for word in checks.instance("left_out", left_out, list | tuple, "a tuple of words"):
         checks.choice("left_out", word, WORDS)
     checks.number("corner_radius", corner_radius, 0.0)
     with reading(path, "MJCF", MjcfError):
-        check_bounds(path)
-        model = mujoco.MjModel.from_xml_path(str(path))
+        model = _model(path)
         refuse_what_is_missing(model, left_out)
         reader = _Reader(model, chosen or Plane(plane_of(model)), corner_radius, TENDONS not in left_out)
         return reader.scene(model.names.split(b"\0")[0].decode() or path.stem)
+
+
+def mjcf_control_limits(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
+    """The ranges of a model's controls (`ctrlrange`), in the order of the scene's that `load_mjcf` reads:
+    (lower, upper), each (nu,), infinite where a control has none; for `Task.control_limits`.
+
+    Raises:
+        MjcfError: a file that MuJoCo does not compile.
+        FileNotFoundError: no such file.
+        ImportError: the package mujoco is not installed.
+    """
+    path = checks.path("path", path)
+    with reading(path, "MJCF", MjcfError):
+        model = _model(path)
+    limited = np.asarray(model.actuator_ctrllimited, bool)
+    ends = np.asarray(model.actuator_ctrlrange, float).reshape(-1, 2).T
+    return np.where(limited, ends[0], -np.inf), np.where(limited, ends[1], np.inf)
+
+
+def _model(path: Path) -> Any:
+    """The model that MuJoCo compiles from a file, bounded before."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ImportError("reading MJCF needs the package mujoco: pip install 'slcp-warp[mjcf]'") from error
+    check_bounds(path)
+    return mujoco.MjModel.from_xml_path(str(path))
 
 
 class _Reader:
