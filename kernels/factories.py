@@ -10,7 +10,9 @@ nothing is made from files that are not those that the process began with.
 """
 
 import functools
+import hashlib
 import inspect
+import math
 import os
 import threading
 import time
@@ -35,24 +37,40 @@ class Sources:
     """The files of a folder with its folders, as they are when this is made."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self._looked = folder, time.monotonic()
-        self._stamps = self._now()
-
-    def _now(self) -> dict[str, tuple[int, int]]:
-        found = ((path, path.stat()) for path in sorted(self.folder.rglob("*.py")))
-        return {str(path): (stat.st_mtime_ns, stat.st_size) for path, stat in found}
+        self._looked = time.monotonic()
+        self._known = {path: (_stamp(path), _digest(path)) for path in sorted(folder.rglob("*.py"))}
 
     def check(self) -> None:
-        """Raise SourcesChangedError for files that have changed, come or gone; looked at every `EVERY` s."""
+        """Raise SourcesChangedError for files that say something else or are gone, every `EVERY` seconds."""
         if time.monotonic() - self._looked < EVERY:
             return
-        self._looked, now = time.monotonic(), self._now()
-        if now != self._stamps:
-            names = sorted(path for path, _ in set(now.items()) ^ set(self._stamps.items()))
-            raise SourcesChangedError(
-                f"{names[0]} is not the file that this process began with; kernels that are still to be made "
-                "would be of another program: start again"
-            )
+        self._looked = time.monotonic()
+        for path, (stamp, digest) in self._known.items():
+            now = _stamp(path)
+            if now != stamp and (now is None or _digest(path) != digest):
+                self._looked = -math.inf  # the next one that asks is told, too
+                raise SourcesChangedError(
+                    f"{path} is not the file that this process began with; kernels that are still to be made "
+                    "would be of another program: start again"
+                )
+            self._known[path] = now, digest
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """When a file was written and how long it is; None: it is not there."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+def _digest(path: Path) -> str:
+    """Of what a file holds, "" where it cannot be read."""
+    try:
+        return hashlib.blake2b(path.read_bytes()).hexdigest()
+    except OSError:
+        return ""
 
 
 _sources = Sources(Path(__file__).parent)

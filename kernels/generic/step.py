@@ -17,6 +17,7 @@ from .contact import AFRESH, AGAIN, ALL, JOINING, make_contact
 from .friction.direct import MOST_LOOKS
 from .island import make_island
 from .judge.beside import MOST_BESIDE, make_beside
+from .linear.doubted import make_doubted
 from .linear.envelope import make_envelope
 from .mechanism import COLUMN, make_mechanism
 from .newton import make_newton
@@ -35,7 +36,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
     dtype = WORK
     mech = make_mechanism(given)
-    env = make_envelope()
+    env, doubted = make_envelope(), make_doubted()
     contact = make_contact(given, residual) if residual != "none" else None
     beside = make_beside(given)
     settle = make_island(given, residual) if residual != "none" else None
@@ -43,7 +44,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     rearrange = make_order().rearrange
     H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
     LOWER, UPPER = COLUMN["lower"], COLUMN["upper"]
-    UNUSED = dtype(COLD)
+    UNUSED, ONE = dtype(COLD), dtype(1.0)
     number = mech.number
 
     @wp.func
@@ -90,11 +91,15 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def free_motion(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """v_free = v + h M^-1 (r + u)."""
+        """v_free = v + h M^-1 (r + u), no number where what springs and tendons tie has no digits left."""
         for i in range(k.mass.shape[0]):
             k.mass_factor[i] = k.mass[i]
         env.factor(k.mass_factor, t.mass_first, t.mass_at, 0, t.blocks)
-        env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, 0, t.blocks)
+        if t.springs + t.tendons > 0 and t.implicit_damping + t.implicit_stiffness > 0:
+            if doubted.solve(t, k) == 1:
+                k.move[0] = wp.sqrt(-ONE) * V3(ONE, ONE, ONE)
+        else:
+            env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, 0, t.blocks)
         h = number(t, k, H, 0)
         for i in range(t.blocks):
             k.before[i] = V3()

@@ -43,7 +43,8 @@ def places_of(scene: Scene, key: str, label: str) -> list[int]:
     own = part if any(owner == part or owner.startswith(f"{part} ") for owner in parts) else turned(part)
     wanted = {part, own, *_positions(scene, part)}
     limits = tuple(f"{each} " for each in wanted)  # "cart.shift lower"
-    rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(limits)]
+    rows = [i for i, owner in enumerate(parts) if owner == part]
+    rows = rows or [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(limits)]
     rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end
     if not rows and name in OF_PAIRS:
         rows = _between(scene, part)

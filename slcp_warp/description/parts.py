@@ -244,9 +244,9 @@ class Tendon:
     The force along l is stiffness (l - length) + damping dl/dt, and coordinate j feels -c_j times it (M57).
 
     Attributes:
-        name: unique among tendons, and no coordinate's.
+        name: unique among tendons, no body's and no coordinate's, without "#", which counts controls.
         coordinates: by their names, `left.shift`, at least one, each once.
-        coefficients: c_j of each [m/rad, 1, ...], not 0.
+        coefficients: c_j of each [m/rad, 1, ...].
         stiffness: per unit of l [N/m, N m/rad]; a negative one pushes apart. A stiff one ties coordinates: it
             is met half a step late (`Scene.implicit_stiffness`), so that any is stable.
         damping: >= 0, per unit of dl/dt.

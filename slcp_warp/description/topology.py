@@ -173,8 +173,13 @@ def _joined(tendons: Sequence[Tendon], bodies: Sequence[Body]) -> tuple[tuple[in
     """The degrees of freedom of every tendon, ascending."""
     places = {name: i for i, name in enumerate(state_names(bodies)[: len(state_names(bodies)) // 2])}
     for i, tendon in enumerate(tendons):
-        if tendon.name in places:
-            raise SceneError(f"tendons[{i}]: {tendon.name!r} is the name of a coordinate; another is needed")
+        for names, what in ((places, "coordinate"), ([body.name for body in bodies], "body")):
+            if tendon.name in names:
+                raise SceneError(f"tendons[{i}]: {tendon.name!r} is the name of a {what}; another is needed")
+        if "#" in tendon.name:
+            raise SceneError(
+                f"tendons[{i}]: name is {tendon.name!r}; # counts controls, a name without is needed"
+            )
     label = "tendon {!r}, coordinates"
     return tuple(
         tuple(sorted(_index(places, name, "coordinate", label.format(t.name)) for name in t.coordinates))

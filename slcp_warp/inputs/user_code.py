@@ -61,19 +61,20 @@ def check_indices(label: str, function: Any, *known: Known) -> None:
 @functools.lru_cache(1024)
 def _wrong(function: Any, known: tuple[Known, ...], depth: int) -> str:
     """What is wrong, in words, or ""."""
+    if len(getattr(function, "user_overloads", None) or ()) > 1:
+        return ""  # which one is called goes by its arguments
     adjoint = getattr(function, "adj", None)
     body = adjoint.tree.body[0] if getattr(adjoint, "tree", None) is not None else None
     if not isinstance(body, ast.FunctionDef) or depth == 0:
         return ""
-    outside = _outside(adjoint.func)
-    there = dict(zip((each.arg for each in body.args.args), known))
-    there = _locals(body, there, outside)
-    guarded = {
-        id(inner)
-        for node in ast.walk(body)
-        if isinstance(node, ast.If | ast.IfExp | ast.While) and _asks(node.test)
-        for inner in ast.walk(node)
+    arguments = [each.arg for each in body.args.args]
+    own = {
+        *arguments,
+        *(n.id for n in ast.walk(body) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)),
     }
+    outside = {name: value for name, value in _outside(adjoint.func).items() if name not in own}
+    there = _locals(body, dict(zip(arguments, known)), outside)
+    guarded = _guarded(body, own)
     for node in ast.walk(body):
         if id(node) in guarded:
             continue
@@ -106,16 +107,15 @@ def _locals(
 ) -> dict[str, Known]:
     """What is known of names: of arguments that stay what they are, and of vectors that are made here."""
     made: dict[str, set[int | None]] = {}
+    direct: set[int] = set()
     for node in ast.walk(body):
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            made.setdefault(node.id, set())
-    for node in ast.walk(body):
-        if isinstance(node, ast.Assign):
-            for target in node.targets:
-                if isinstance(target, ast.Name):
-                    made[target.id].add(_length_made(node.value, outside))
-        elif isinstance(node, ast.AugAssign | ast.AnnAssign | ast.For) and isinstance(node.target, ast.Name):
-            made[node.target.id].add(None)
+        for target in node.targets if isinstance(node, ast.Assign) else ():
+            if isinstance(target, ast.Name):
+                made.setdefault(target.id, set()).add(_length_made(node.value, outside))
+                direct.add(id(target))
+    for node in ast.walk(body):  # part of a tuple, of a loop, changed in place
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and id(node) not in direct:
+            made.setdefault(node.id, set()).add(None)
     out = {name: each for name, each in there.items() if name not in made}
     for name, lengths in made.items():
         if len(lengths) == 1 and None not in lengths and name not in there:
@@ -131,16 +131,39 @@ def _length_made(value: ast.expr, outside: Mapping[str, Any]) -> int | None:
     return None
 
 
-def _asks(test: ast.expr) -> bool:
-    """Whether a condition asks for a length, or is settled before the kernel is made."""
+def _guarded(body: ast.FunctionDef, own: set[str]) -> set[int]:
+    """What stands behind a question about lengths: in it, and where it may end the function all of that."""
+    found: set[int] = set()
+    for node in ast.walk(body):
+        tests: list[ast.expr] = []
+        if isinstance(node, ast.If | ast.IfExp | ast.While):
+            tests = [node.test]
+        elif isinstance(node, ast.BoolOp):
+            tests = node.values
+        elif isinstance(node, ast.For):
+            tests = [node.iter]
+        if any(_asks(test, own, isinstance(node, ast.For)) for test in tests):
+            ends = any(isinstance(n, ast.Return | ast.Break | ast.Continue) for n in ast.walk(node))
+            found |= {id(inner) for inner in ast.walk(body if ends else node)}
+    return found
+
+
+def _asks(test: ast.expr, own: set[str], loop: bool) -> bool:
+    """Whether an expression asks for a length, or is settled before the kernel is made: what nothing of the
+    function is in. Of a loop: whether it may have no pass.
+    """
+    names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
     for node in ast.walk(test):
         if isinstance(node, ast.Call):
             name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
             if name in ("static", "len"):
                 return True
-        if isinstance(node, ast.Attribute) and node.attr == "shape":
+        if isinstance(node, ast.Attribute) and node.attr in ("shape", "_length_"):
             return True
-    return False
+    if loop:
+        numbers = [node.value for node in ast.walk(test) if isinstance(node, ast.Constant)]
+        return names != {"range"} or len(numbers) != 1 or numbers[0] == 0
+    return not names & own
 
 
 def _index(node: ast.Subscript, there: Mapping[str, Known], outside: Mapping[str, Any]) -> str:

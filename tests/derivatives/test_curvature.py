@@ -31,7 +31,7 @@ def mechanism(seed):
     changes = {"implicit_stiffness": bool(seed % 2), "implicit_damping": bool(seed % 2)}
     ends = sc.state_names[1], sc.state_names[sc.nv - 1]
     tendon = slcp.Tendon("tendon", ends, (0.8, -0.5), 25.0, 0.7, 0.1)
-    changes["actuators"] = (*sc.actuators[:-1], slcp.Actuator(tendon="tendon"))
+    changes["actuators"] = (*sc.actuators, slcp.Actuator(tendon="tendon"))
     return replace(sc, springs=(spring,), tendons=(tendon,), contacts=pairs, **changes), rng
 
 

@@ -122,6 +122,25 @@ def test_a_constant_pull_needs_a_spring(tmp_path):
     assert found.length == pytest.approx(0.1 + 2.0 / 4.0 - 0.02 * np.deg2rad(0.1) - 2.0 * 0.3)
 
 
+def test_a_spring_whose_stiffness_a_servo_takes_away_still_pulls(tmp_path):
+    away = '<general tendon="flexor" biastype="affine" biasprm="0 1 0" gear="2"/>'
+    sprung = TENDONS.replace('name="flexor"', 'name="flexor" stiffness="4" springlength=".3"')
+    with pytest.raises(
+        slcp.MjcfError, match="tendon 'flexor': an actuator pulls it by 1.2 without a control"
+    ):
+        slcp.load_mjcf(model(tmp_path, sprung, away))
+    path = model(tmp_path, "", '<general joint="r" biastype="affine" biasprm="0 1 0" gear="2"/>')
+    path.write_text(path.read_text().replace('name="r"', 'name="r" stiffness="4" springref="20"'))
+    with pytest.raises(slcp.MjcfError, match="joint 'r': an actuator pushes it by 1.39.* without a control"):
+        slcp.load_mjcf(path)
+
+
+def test_a_tendon_may_be_called_as_a_body_there(tmp_path):
+    tendons = TENDONS.replace('name="grip"', 'name="tip"')
+    sc = slcp.load_mjcf(model(tmp_path, tendons, ACTUATORS.replace('tendon="grip"', 'tendon="tip"')))
+    assert sc.control_names[-1] == sc.tendons[0].name == "tip_tendon"
+
+
 def test_ranges_of_controls_are_limits_of_a_task(tmp_path):
     limited = (
         '<motor tendon="flexor" ctrllimited="true" ctrlrange="-1 2"/><motor joint="r" ctrlrange="-.5 .5"/>'

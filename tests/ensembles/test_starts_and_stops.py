@@ -158,6 +158,8 @@ def test_what_cannot_be_played_again_is_refused():
         slcp.replay(task(), until([-1] * 2), slcp.Worlds(np.zeros((2, 6)) + 0.1, params))
     with pytest.raises(slcp.ArgumentTypeError, match="worlds is .*slcp_warp.Worlds"):
         slcp.replay(task(), until([-1]), 4)
+    with pytest.raises(slcp.ArgumentError, match="worlds has none; at least one is needed"):
+        slcp.replay(task(), until([-1]), slcp.draw_worlds(task(), 3)[np.zeros(0, int)])
 
 
 def test_all_questions_tell_of_worlds_that_overlap():
@@ -181,3 +183,8 @@ def test_all_questions_tell_of_worlds_that_overlap():
     smallest = slcp.falsify(drawn, policy, "parameters", case=HARD, gradients=False)
     assert smallest.found and smallest.overlap > 1e-3
     assert f"it begins in overlap, by {smallest.overlap:.2g}" in repr(smallest)
+    sunk = drawn.replace(start=(0.0, 0.05, 0.0, 0.0, 0.0, 0.0))
+    already = slcp.falsify(sunk, policy, "parameters", case=HARD, gradients=False)
+    assert (
+        already.size == 0.0 and "has its median" in repr(already) and "in overlap, by 0.05" in repr(already)
+    )

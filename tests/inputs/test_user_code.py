@@ -8,6 +8,7 @@ import warp as wp
 
 import slcp_warp as slcp
 from slcp_warp import costs, ddp, measures, policies
+from slcp_warp.inputs.user_code import Known, check_indices
 
 SCENE = slcp.scenes.cart_pole() if hasattr(slcp.scenes, "cart_pole") else slcp.scenes.flicking_finger()
 NX, NU = 2 * SCENE.nv, SCENE.nu
@@ -213,3 +214,63 @@ def test_costs():
         ddp.solve(ddp.Problem(SIM, costs.plain(beyond), horizon=4), SCENE.x0, us)
     with pytest.raises(slcp.ArgumentTypeError, match="costs: they are none of .* states .*Input types"):
         ddp.solve(ddp.Problem(SIM, costs.plain(types), horizon=4), SCENE.x0, us)
+
+
+@wp.func
+def longer(v: wp.vec3d):
+    return v[2]
+
+
+@wp.func
+def longer(v: wp.vec2d):  # noqa: F811
+    return v[1]
+
+
+@wp.func
+def calls_the_shorter(x: Any, u: Any, time: wp.float64):
+    v = wp.vec2d(wp.float64(x[0]), wp.float64(2.0))
+    return longer(v)
+
+
+@wp.func
+def returns_before(x: Any, u: Any, time: wp.float64):
+    if wp.static(BEYOND > 2):
+        return wp.float64(x[0])
+    return wp.float64(x[BEYOND])
+
+
+@wp.func
+def never_asks(x: Any, u: Any, time: wp.float64):
+    found = wp.float64(x[0])
+    if BEYOND < 2:
+        found = wp.float64(x[BEYOND])
+    for _i in range(wp.static(0)):
+        found += wp.float64(x[BEYOND])
+    return found
+
+
+@wp.func
+def own_number(x: Any, u: Any, time: wp.float64):
+    LAST = int(time) % 2
+    for BEYOND in range(2):
+        LAST += BEYOND
+    return wp.float64(x[LAST])
+
+
+@wp.func
+def two():
+    return wp.vec4d(wp.float64(1.0)), wp.float64(2.0)
+
+
+@wp.func
+def from_a_tuple(x: Any, u: Any, time: wp.float64):
+    v, w = two()
+    return v[3] + w
+
+
+@pytest.mark.parametrize(
+    "function", [calls_the_shorter, returns_before, never_asks, own_number, from_a_tuple], ids=lambda f: f.key
+)
+def test_what_is_right_is_no_alarm(function):
+    known = Known(NX), Known(NU)
+    check_indices("measures.function", function, *known)

@@ -122,6 +122,22 @@ def test_a_stiff_one_ties_coordinates(device, strategy):
     np.testing.assert_allclose(run.states[-1, 2:], 4.0 * 200 * sc.step_size / 2.0, rtol=1e-7)
 
 
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("what", ["stiffness", "damping"])
+def test_what_has_no_digits_left_has_a_status(device, strategy, what):
+    """Two sliders tied by more and more, one pushed: v' is that of both, or there is none. Of 1e22 generic
+    kernels gave a 50th of it, or twice as much of 1e20, SOLVED.
+    """
+    bodies = tuple(Body(name, 1.0, 0.1, joint="prismatic") for name in "ab")
+    tendon = Tendon("tie", ("a.shift", "b.shift"), (1.0, -1.0), stiffness=1.0, damping=1.0)
+    sc = slcp.Scene("tied", bodies, tendons=(tendon,), actuators=(Actuator("a"),), gravity=(0.0, 0.0))
+    sim, size = simulator(sc, strategy, device), 10.0 ** np.array([9.0, 12.0, 14.0, 20.0, 22.0, 100.0, 300.0])
+    of = {f"tendon_{name}": size[:, None] if name == what else 0.0 for name in ("stiffness", "damping")}
+    step = sim.step(np.zeros((7, 4)), np.full((7, 1), 4.0), sim.params.replace(**of))
+    assert step.status.tolist() == [0, 0, 0] + [slcp.Status.NONFINITE] * 4
+    np.testing.assert_allclose(step.state[:3, 2:], 0.5 * 4.0 * 0.01, rtol=2e-5)
+
+
 @pytest.mark.parametrize("rules", [(True, True), (False, False)])
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_gradients_by_every_number(strategy, rules):
@@ -180,6 +196,10 @@ def test_names_files_and_tables(tmp_path):
         0.2,
         -2.0,
     ]
+    more = replace(sc, tendons=(*sc.tendons, replace(sc.tendons[0], name="rope 2")))  # begins like another
+    params = slcp.Parameters(more).replace(**{"rope.tendon_stiffness": 7.0, "rope 2.tendon_length": 5.0})
+    assert params["tendon_stiffness"].tolist() == [7.0, 9.0, 40.0]
+    assert params["tendon_length"].tolist() == [0.2, -0.1, 5.0]
     first = sc.state_names[0]
     params = slcp.Parameters(sc).replace(**{f"rope {first}.tendon_coefficient": 3.0})
     assert params["tendon_coefficient"][0] == 3.0
@@ -243,6 +263,14 @@ BAD = {
     "a coordinate's name": (
         lambda: slcp.Scene("s", (BODY,), tendons=(Tendon("a.angle", ("a.angle",), (1.0,)),)),
         "'a.angle' is the name of a coordinate",
+    ),
+    "a body's name": (
+        lambda: slcp.Scene("s", (BODY,), tendons=(Tendon("a", ("a.angle",), (1.0,)),)),
+        "'a' is the name of a body",
+    ),
+    "a count": (
+        lambda: slcp.Scene("s", (BODY,), tendons=(Tendon("t#2", ("a.angle",), (1.0,)),)),
+        "name is 't#2'; # counts controls",
     ),
     "actuator of nothing": (lambda: Actuator(), "body is None and tendon is None; one of them is needed"),
     "actuator of both": (lambda: Actuator("a", tendon="t"), "one of them is needed"),

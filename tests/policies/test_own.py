@@ -157,7 +157,7 @@ def test_a_sweep_counts_the_worlds_of_a_policy_through_its_chunks(device):
 
 
 def test_policies_of_other_numbers_share_their_kernels():
-    one, two = Integrator().policy(), policies.Function(Integrator.make, memory=1, gain=[1.0], target=2)
+    one, two = Integrator().policy(), policies.Function(Integrator.make, memory=1, gain=[1.0, 3.0], target=2)
     assert one.kernel(simulator("cpu"))[0] == two.kernel(simulator("cpu"))[0]
     other = policies.Function(Integrator.make, memory=2, gain=[1.0], target=2)
     assert other._kernel != one._kernel

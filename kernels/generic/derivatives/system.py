@@ -39,7 +39,8 @@ STEEP = 0.7  # of the one before: a correction that is no rounding
 def make_system(given: type, residual: str) -> SimpleNamespace:
     """factor(t, k, d, b, n) of the n acting rows, firmer(t, k, d, b): the same with rows that yield more,
     1 if they may, and solve(t, k, d, b, n): d.found = dv' from -F1 in d.known and -F2 in d.given, which is
-    overwritten, 1 if that holds. response(t, k, s): k.move = M^-1 J_s' in the units that row s
+    overwritten, 1 if that holds; then follow(t, k, d, b, n): d.root = dz, which lacks the last change until
+    then. response(t, k, s): k.move = M^-1 J_s' in the units that row s
     moves. add(t, k, s, x, c): x += J_s' c.
     """
     dtype = WORK
@@ -240,6 +241,19 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 out = int(-1)
         return out
 
+    @wp.func
+    def follow(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
+        """dz after the last change of dv', in d.side; what is left of F2 then is the proximal term's."""
+        for r in range(n):
+            rate(t, k, d, b, r, d.side[b])
+            share = d.share[b, r]
+            change = share[1] * (d.given[b, r] - d.push[b, r])
+            root = d.root[b, r] + change
+            rest = share[0] * change
+            d.root[b, r] = root
+            d.given[b, r] = rest
+            d.push[b, r] = share[2] * root + share[3] * rest
+
     @wp.func(inline=False)
     def refined(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
         known = d.known[b]
@@ -277,15 +291,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 last = moved
             if n == 0:
                 return int(1)
-            for r in range(n):  # what is left of F2 once dz follows is the proximal term's
-                rate(t, k, d, b, r, side)
-                share = d.share[b, r]
-                change = share[1] * (d.given[b, r] - d.push[b, r])
-                root = d.root[b, r] + change
-                rest = share[0] * change
-                d.root[b, r] = root
-                d.given[b, r] = rest
-                d.push[b, r] = share[2] * root + share[3] * rest
+            follow(t, k, d, b, n)
             for i in range(3 * t.blocks):
                 side[i] = known[i]
             take_momentum(t, k, found, side)
@@ -321,4 +327,6 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 end = t.unit_start[u + 1]
                 env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, end)
 
-    return SimpleNamespace(factor=factor, firmer=firmer, solve=solve, response=response, add=add)
+    return SimpleNamespace(
+        factor=factor, firmer=firmer, solve=solve, follow=follow, response=response, add=add
+    )

@@ -15,6 +15,7 @@ import warp as wp
 from ...factories import cached
 from ...generic.contact import make_contact
 from ...generic.derivatives.rows import make_row_slopes
+from ...generic.derivatives.system import make_system
 from ...generic.derivatives.tables import Groups, Slopes
 from ...generic.linear.envelope import make_envelope
 from ...generic.mechanism import COLUMN, make_mechanism
@@ -86,6 +87,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     step, adjoint = make_step(given, residual), make_step_adjoint(given, residual, False)
     contact = make_contact(given, residual) if contacts else None
     rows_of = make_row_slopes(given, residual) if contacts else None
+    system = make_system(given, residual) if contacts else None
     bend = None if hard or not contacts else make_smoothing(WORK, residual).bend
     dual, env = adjoint.dual, make_envelope()
     number = make_mechanism(given).number
@@ -114,6 +116,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, e: Curves, b: int, n: int, first: int
     ):
         width = 2 * t.nv + t.nu
+        if wp.static(contacts):
+            system.follow(t, k, d, b, n)
         for lane in range(LANES):
             if first + lane < width:
                 for j in range(t.nv):

@@ -22,7 +22,7 @@ from .contacts import read_contacts
 from .motors import JOINT, TENDON, Servo, gain_of, servos
 from .plane import MjcfError, Plane, named, plane_of
 from .refused import TENDONS, WORDS, is_disabled, refuse_what_is_missing
-from .tendons import joints_of, read_tendons
+from .tendons import joints_of, name_of, read_tendons
 
 __all__ = ["MjcfError", "load_mjcf", "mjcf_control_limits"]
 
@@ -249,9 +249,10 @@ class _Reader:
         own, rest = float(m.jnt_stiffness[j]), float(m.qpos_spring[q] - m.qpos0[q])
         stiffness = own + servo.stiffness
         push = servo.push - servo.stiffness * float(m.qpos0[q])
-        if stiffness == 0.0 and push != 0.0:
+        alone = own * rest + push
+        if stiffness == 0.0 and alone != 0.0:
             raise MjcfError(
-                f"joint {m.joint(j).name!r}: an actuator pushes it by {push:g} without a control; that is "
+                f"joint {m.joint(j).name!r}: an actuator pushes it by {alone:g} without a control; that is "
                 "supported only where a spring or a position servo acts, too"
             )
         if servo.stiffness != 0.0 or push != 0.0:
@@ -279,7 +280,7 @@ class _Reader:
     def _actuator(self, i: int) -> Actuator:
         kind, which, push = gain_of(self.m, i)
         if kind == TENDON:
-            return Actuator(gear=push, tendon=named(self.m, "tendon", which))
+            return Actuator(gear=push, tendon=name_of(self.m, which))
         body, dof, sign = self.dof_of_joint[which]
         return Actuator(body, dof, sign * push)
 

@@ -14,6 +14,15 @@ from .plane import MjcfError, named
 from .refused import HINT
 
 
+def name_of(m: Any, i: int) -> str:
+    """The name of tendon i here, where it may not be a body's."""
+    name = named(m, "tendon", i).replace("#", "_")
+    bodies = {named(m, "body", b) for b in range(m.nbody)}
+    while name in bodies:
+        name += "_tendon"
+    return name
+
+
 def joints_of(m: Any, i: int) -> dict[int, float]:
     """The joints of tendon i with their coefficients.
 
@@ -53,7 +62,7 @@ def read_tendons(
     words = {body.name: DOFS[body.joint] for body in bodies}
     out = []
     for i in range(m.ntendon):
-        name, servo, offset = named(m, "tendon", i), servos.get((TENDON, i), Servo()), 0.0
+        name, servo, offset = name_of(m, i), servos.get((TENDON, i), Servo()), 0.0
         parts = []
         for joint, coefficient in joints_of(m, i).items():
             body, place, sense = dof_of_joint[joint]
@@ -66,14 +75,15 @@ def read_tendons(
                 f"tendon {name!r}: its spring is slack from {low:g} to {high:g}; one length is supported"
             )
         stiffness = own + servo.stiffness
-        if stiffness == 0.0 and servo.push != 0.0:
+        pull = own * low + servo.push
+        if stiffness == 0.0 and pull != 0.0:
             raise MjcfError(
-                f"tendon {name!r}: an actuator pulls it by {servo.push:g} without a control; that is "
-                "supported only where a spring or a position servo acts, too"
+                f"tendon {name!r}: an actuator pulls it by {pull:g} without a control; that is supported "
+                "only where a spring or a position servo acts, too"
             )
         if servo.armature:
             raise MjcfError(f"tendon {name!r}: its actuators have an armature; only joints' are supported")
-        length = (own * low + servo.push) / stiffness if stiffness != 0.0 else 0.0
+        length = pull / stiffness if stiffness != 0.0 else 0.0
         coordinates, coefficients = zip(*parts)
         out.append(
             Tendon(name, coordinates, coefficients, stiffness, float(m.tendon_damping[i]) + servo.damping,

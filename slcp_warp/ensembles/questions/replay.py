@@ -53,6 +53,8 @@ def replay(
     """
     checks.instance("task", task, Task, "a slcp_warp.Task")
     given = checks.instance("worlds", worlds, Worlds, "slcp_warp.Worlds").numpy()
+    if not len(given):
+        raise ArgumentError("worlds has none; at least one is needed")
     options = task.options if case is None else checks.instance("case", case, Options, "slcp_warp.Options")
     sizes = given.step_sizes(task.scene.step_size)
     if len(sizes) > 1:

@@ -122,16 +122,13 @@ class Falsification(Printed):
             of += f", without {', '.join(self.left)}"
         if not self.found:
             return f"{of}: nothing up to {self.most:g} standard deviations fails; {self.tried:,} worlds tried"
+        tried = f"{self.tried:,} worlds tried"
+        if self.overlap > OVERLAP:
+            tried += f"; it begins in overlap, by {self.overlap:.2g}"
         if not self.size:
-            return (
-                f"{of}: the policy fails where all that is drawn has its median; {self.tried:,} worlds tried"
-            )
+            return f"{of}: the policy fails where all that is drawn has its median; {tried}"
         share = f"{100.0 * self.rarer:.3g} % of what is drawn is as large"
-        begins = f"; it begins in overlap, by {self.overlap:.2g}" if self.overlap > OVERLAP else ""
-        return (
-            f"{of}: fails from {self.size:.4g} standard deviations on; {share}; {self.tried:,} worlds tried"
-            f"{begins}"
-        )
+        return f"{of}: fails from {self.size:.4g} standard deviations on; {share}; {tried}"
 
     def _how(self, kind: str) -> str:
         """A kind of disturbances, with when and where where one is meant."""
