@@ -16,6 +16,7 @@ from ..costs.terms import ALWAYS, SUMS, numbers_of_term
 from ..description.points import AXES
 from ..description.scene import Scene
 from ..description.scene_file import load_scene, scene_content, scene_of
+from ..description.scene_schema import FORMAT as SCENE
 from ..description.scene_schema import NO_VALUE, file_fields
 from ..inputs import checks
 from ..inputs.checks import shown
@@ -88,7 +89,9 @@ def task_of(content: Any, folder: Path | None = None) -> Task:
         found = (
             f"{content.get('format')!r:.60}" if isinstance(content, dict) else f"a {type(content).__name__}"
         )
-        raise TaskFileError(f"format is {found}; a task file has format = {FORMAT!r}")
+        scene = isinstance(content, dict) and content.get("format") == SCENE
+        hint = "; a scene alone is given by --scene, or by load_scene" if scene else ""
+        raise TaskFileError(f"format is {found}; a task file has format = {FORMAT!r}{hint}")
     version = content.get("version")
     if isinstance(version, bool) or not isinstance(version, int) or version not in SCENE_VERSION:
         reads = ", ".join(map(str, SCENE_VERSION))
