@@ -18,6 +18,7 @@ from slcp_warp.description.topology import contact_ends
 
 from ..mechanics.contact import gaps, touches
 from ..mechanics.tree import Mechanics, worlds_of
+from .structures import beside
 
 Rng = np.random.Generator
 CLASSES = ("far", "touching", "entering", "deep", "jammed")
@@ -114,7 +115,7 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
         tied = mass[:, [max(ends) for ends in s.springs]]
         out["spring_stiffness"] = stiffened(rng, scene, out["spring_stiffness"], tied, h)
     if s.tendons:
-        out |= _tendons(rng.spawn(1)[0], scene, mass, h, most)
+        out |= _tendons(beside(rng), scene, mass, h, most)
     if s.bounces:
         out["restitution"] = _shares(rng, n, len(s.pairs))
     _lay_guides(rng, scene, out, cosine)

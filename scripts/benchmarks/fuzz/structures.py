@@ -95,7 +95,7 @@ def _assembled(
         arguments["implicit_damping"] = bool(rng.random() < 0.75)
     if "implicit_stiffness" in known:  # drawn aside: what else a scene is drawn as stays what it is
         arguments["implicit_stiffness"] = bool(rng.spawn(1)[0].random() < 0.75)
-    tendons, pulled = _tendons(rng.spawn(1)[0], bodies)
+    tendons, pulled = _tendons(beside(rng), bodies)
     return Scene(
         name, bodies, shapes,
         actuators=(*(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
@@ -163,6 +163,13 @@ def _springs(rng: Rng, names: list[str]) -> list[Spring]:
         a, b = rng.permutation(len(ends))[:2]
         out.append(Spring(ends[a], ends[b], stiffness=1.0, damping=1.0, length=0.3))
     return out
+
+
+def beside(rng: Rng) -> Rng:
+    """A generator of its own for what is drawn aside, so that what is drawn and spawned stays what it is."""
+    seed = rng.bit_generator.seed_seq
+    key = (*seed.spawn_key, 1 << 20, seed.n_children_spawned)  # type: ignore[attr-defined]
+    return np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=key))  # type: ignore[attr-defined]
 
 
 def _tendons(rng: Rng, bodies: tuple[Body, ...]) -> tuple[tuple[Tendon, ...], list[Actuator]]:

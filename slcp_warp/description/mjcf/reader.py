@@ -55,8 +55,9 @@ def load_mjcf(
     for word in checks.instance("left_out", left_out, list | tuple, "a tuple of words"):
         checks.choice("left_out", word, WORDS)
     checks.number("corner_radius", corner_radius, 0.0)
+    mujoco = _package()
     with reading(path, "MJCF", MjcfError):
-        model = _model(path)
+        model = _model(mujoco, path)
         refuse_what_is_missing(model, left_out)
         reader = _Reader(model, chosen or Plane(plane_of(model)), corner_radius, TENDONS not in left_out)
         return reader.scene(model.names.split(b"\0")[0].decode() or path.stem)
@@ -72,19 +73,24 @@ def mjcf_control_limits(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.nd
         ImportError: the package mujoco is not installed.
     """
     path = checks.path("path", path)
+    mujoco = _package()
     with reading(path, "MJCF", MjcfError):
-        model = _model(path)
+        model = _model(mujoco, path)
     limited = np.asarray(model.actuator_ctrllimited, bool)
     ends = np.asarray(model.actuator_ctrlrange, float).reshape(-1, 2).T
     return np.where(limited, ends[0], -np.inf), np.where(limited, ends[1], np.inf)
 
 
-def _model(path: Path) -> Any:
-    """The model that MuJoCo compiles from a file, bounded before."""
+def _package() -> Any:
     try:
         import mujoco
     except ImportError as error:
         raise ImportError("reading MJCF needs the package mujoco: pip install 'slcp-warp[mjcf]'") from error
+    return mujoco
+
+
+def _model(mujoco: Any, path: Path) -> Any:
+    """The model that MuJoCo compiles from a file, bounded before."""
     check_bounds(path)
     return mujoco.MjModel.from_xml_path(str(path))
 
