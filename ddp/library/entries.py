@@ -27,7 +27,11 @@ def scene_digest(scene: Scene) -> str:
     """
     s = scene.structure
     names = [f.name for f in fields(s) if not f.name.startswith("implicit_")]
-    parts = (f"{name}={getattr(s, name)!r}" for name in names if name not in ("armature", "tendons") or getattr(s, name))
+    parts = (
+        f"{name}={getattr(s, name)!r}"
+        for name in names
+        if name not in ("armature", "tendons") or getattr(s, name)
+    )
     return hashlib.sha256(f"Structure({', '.join(parts)})".encode()).hexdigest()[:16]
 
 

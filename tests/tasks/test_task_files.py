@@ -167,7 +167,10 @@ TERM = {"kind": "square", "weight": 1.0, "state": "block.x"}
 @pytest.mark.parametrize(
     "changes, text",
     [
-        ({"format": "slcp-scene"}, "format is 'slcp-scene'; a task file has format = 'slcp-task'; a scene alone is given by --scene"),
+        (
+            {"format": "slcp-scene"},
+            "format is 'slcp-scene'; a task file has format = 'slcp-task'; a scene alone is given by --scene",
+        ),
         ({"version": 3}, "version is 3; this program reads 1, 2"),
         ({"horzion": 3}, "no field 'horzion'; did you mean 'horizon'"),
         ({"cost": None}, "cost: None; a table of fields is needed"),
