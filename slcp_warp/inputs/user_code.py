@@ -63,7 +63,7 @@ def _wrong(function: Any, known: tuple[Known, ...], depth: int) -> str:
     """What is wrong, in words, or ""."""
     if len(getattr(function, "user_overloads", None) or ()) > 1:
         return ""  # which one is called goes by its arguments
-    adjoint = getattr(function, "adj", None)
+    adjoint: Any = getattr(function, "adj", None)
     body = adjoint.tree.body[0] if getattr(adjoint, "tree", None) is not None else None
     if not isinstance(body, ast.FunctionDef) or depth == 0:
         return ""
@@ -109,7 +109,9 @@ def _locals(
     made: dict[str, set[int | None]] = {}
     direct: set[int] = set()
     for node in ast.walk(body):
-        for target in node.targets if isinstance(node, ast.Assign) else ():
+        if not isinstance(node, ast.Assign):
+            continue
+        for target in node.targets:
             if isinstance(target, ast.Name):
                 made.setdefault(target.id, set()).add(_length_made(node.value, outside))
                 direct.add(id(target))

@@ -239,10 +239,12 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
     tendons, at = [], 0
     for i, tendon in enumerate(scene.tendons):
         end = at + len(tendon.coordinates)
+        given: dict[str, Any] = {
+            name: float(numbers[f"tendon_{name}"][i]) for name in ("stiffness", "damping", "length")
+        }
         tendons.append(dataclasses.replace(
             tendon, coordinates=tuple(sorted(tendon.coordinates, key=scene.state_index)),
-            coefficients=flat(numbers["tendon_coefficient"][at:end]),
-            **{name: float(numbers[f"tendon_{name}"][i]) for name in ("stiffness", "damping", "length")},
+            coefficients=flat(numbers["tendon_coefficient"][at:end]), **given,
         ))  # fmt: skip
         at = end
     actuators = tuple(
