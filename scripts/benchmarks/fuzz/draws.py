@@ -18,7 +18,6 @@ from slcp_warp.description.topology import contact_ends
 
 from ..mechanics.contact import gaps, touches
 from ..mechanics.tree import Mechanics, worlds_of
-from .structures import beside
 
 Rng = np.random.Generator
 CLASSES = ("far", "touching", "entering", "deep", "jammed")
@@ -115,7 +114,7 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
         tied = mass[:, [max(ends) for ends in s.springs]]
         out["spring_stiffness"] = stiffened(rng, scene, out["spring_stiffness"], tied, h)
     if s.tendons:
-        out |= _tendons(beside(rng), scene, mass, h, most)
+        out |= _tendons(rng, scene, mass, h, most)
     if s.bounces:
         out["restitution"] = _shares(rng, n, len(s.pairs))
     _lay_guides(rng, scene, out, cosine)
@@ -124,7 +123,7 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
 
 
 def _tendons(rng: Rng, scene: Scene, mass: Array, h: Array, most: float) -> dict[str, Array]:
-    """Numbers of tendons, drawn aside."""
+    """Numbers of tendons."""
     tendons, n = scene.structure.tendons, len(h)
     k, m = len(tendons), sum(map(len, tendons))
     pulled = mass[:, [scene.structure.dof_body[dofs[-1]] for dofs in tendons]]

@@ -16,7 +16,9 @@
 - block-derivatives: derivatives of these;
 - bounces: mechanisms with restitution, followed for up to 20 steps;
 - bounce-derivatives: derivatives of these;
-- rotors: one to four steps of mechanisms with armature at half of their joints.
+- rotors: one to four steps of mechanisms with armature at half of their joints;
+- tendons: one to four steps of mechanisms with tendons, some with rectangles or restitution;
+- tendon-derivatives: derivatives of these.
 """
 
 from collections.abc import Callable
@@ -29,7 +31,15 @@ from slcp_warp.options import Options
 
 from .draws import Worlds, decades, draw_worlds, single
 from .heaps import heap_worlds, random_heap, random_pile, random_tower
-from .structures import JOINTS, Size, random_auto, random_blocks, random_bouncers, random_scene
+from .structures import (
+    JOINTS,
+    Size,
+    random_auto,
+    random_blocks,
+    random_bouncers,
+    random_scene,
+    random_tendons,
+)
 
 Rng = np.random.Generator
 FOLLOWED = (20, 50)
@@ -119,4 +129,6 @@ PARTS = {
     "bounces": Part((99, 13), random_bouncers, steps=(1, 20), strategies=("generic",)),
     "bounce-derivatives": Part((99, 14), random_bouncers, strategies=("generic",), differentiated=True),
     "rotors": Part((99, 10), rotor_scene, steps=(1, 4)),
+    "tendons": Part((99, 15), random_tendons, steps=(1, 4)),
+    "tendon-derivatives": Part((99, 16), random_tendons, strategies=("generic",), differentiated=True),
 }

@@ -16,7 +16,6 @@ from slcp_warp.description.topology import contact_ends
 Rng = np.random.Generator
 JOINTS = {"revolute": 1, "prismatic": 1, "free": 3}
 ROUND = ("disc", "point", "ellipse", "capsule", "box")
-ASIDE = 1_051_002  # seeds what is drawn aside: by this none of the scenes that tests name has a tendon
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,6 +84,22 @@ def random_bouncers(rng: Rng, name: str, size: Size = Size()) -> Scene:
             return dataclasses.replace(scene, contacts=contacts)
 
 
+def random_tendons(rng: Rng, name: str, size: Size = Size()) -> Scene:
+    """A scene with one to three tendons, each of one to three coordinates, and actuators that pull at half of
+    them; with rectangles or with restitution in a quarter of the draws each.
+    """
+    kind = rng.random()
+    draw = random_blocks if kind < 0.25 else random_bouncers if kind < 0.5 else random_scene
+    scene = draw(rng, name, size)
+    there, tendons = state_names(scene.bodies)[: scene.nv], []
+    while not tendons or (len(tendons) < 3 and rng.random() < 0.4):
+        count = min(len(there), int(rng.integers(1, 4)))
+        chosen = tuple(there[j] for j in sorted(rng.permutation(len(there))[:count]))
+        tendons.append(Tendon(f"tendon{len(tendons)}", chosen, (1.0,) * count, 1.0, 1.0))
+    pulled = (Actuator(tendon=t.name) for t in tendons if rng.random() < 0.5)
+    return dataclasses.replace(scene, tendons=tuple(tendons), actuators=(*scene.actuators, *pulled))
+
+
 def _assembled(
     rng: Rng, name: str, bodies: tuple[Body, ...], shapes: tuple[Shape, ...], **touching: Any
 ) -> Scene:
@@ -96,12 +111,11 @@ def _assembled(
         arguments["implicit_damping"] = bool(rng.random() < 0.75)
     if "implicit_stiffness" in known:  # drawn aside: what else a scene is drawn as stays what it is
         arguments["implicit_stiffness"] = bool(rng.spawn(1)[0].random() < 0.75)
-    tendons, pulled = _tendons(beside(rng), bodies)
     return Scene(
         name, bodies, shapes,
-        actuators=(*(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
-                     for n, b in zip(names, bodies) if rng.random() < 0.5), *pulled),
-        springs=tuple(_springs(rng, names)), tendons=tendons, **arguments, **touching,
+        actuators=tuple(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
+                        for n, b in zip(names, bodies) if rng.random() < 0.5),
+        springs=tuple(_springs(rng, names)), **arguments, **touching,
     )  # fmt: skip
 
 
@@ -164,24 +178,6 @@ def _springs(rng: Rng, names: list[str]) -> list[Spring]:
         a, b = rng.permutation(len(ends))[:2]
         out.append(Spring(ends[a], ends[b], stiffness=1.0, damping=1.0, length=0.3))
     return out
-
-
-def beside(rng: Rng) -> Rng:
-    """A generator of its own for what is drawn aside, so that what is drawn and spawned stays what it is."""
-    seed = rng.bit_generator.seed_seq
-    key = (*seed.spawn_key, ASIDE, seed.n_children_spawned)  # type: ignore[attr-defined]
-    return np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=key))  # type: ignore[attr-defined]
-
-
-def _tendons(rng: Rng, bodies: tuple[Body, ...]) -> tuple[tuple[Tendon, ...], list[Actuator]]:
-    """Tendons of one to three coordinates in a quarter of the scenes, and what pulls at half of them."""
-    there = state_names(bodies)[: sum(JOINTS[b.joint] for b in bodies)]
-    out: list[Tendon] = []
-    while rng.random() < (0.25 if not out else 0.4) and len(out) < 3:
-        count = min(len(there), int(rng.integers(1, 4)))
-        chosen = tuple(there[j] for j in sorted(rng.permutation(len(there))[:count]))
-        out.append(Tendon(f"tendon{len(out)}", chosen, (1.0,) * count, 1.0, 1.0))
-    return tuple(out), [Actuator(tendon=t.name) for t in out if rng.random() < 0.5]
 
 
 def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> Scene:

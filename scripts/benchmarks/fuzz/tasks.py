@@ -61,7 +61,7 @@ class Task:
         """Whether derivatives are compared, too: with kernels of its own they compile as long again."""
         if self._part().differentiated:
             return True
-        own = self.strategy == "specialised" and self.part in ("steps", "rotors")
+        own = self.strategy == "specialised" and self.part in ("steps", "rotors", "tendons")
         return own and self.scene % DIFFERENTIATED == 0
 
     @property
