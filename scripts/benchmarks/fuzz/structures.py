@@ -91,7 +91,7 @@ def random_tendons(rng: Rng, name: str, size: Size = Size()) -> Scene:
     kind = rng.random()
     draw = random_blocks if kind < 0.25 else random_bouncers if kind < 0.5 else random_scene
     scene = draw(rng, name, size)
-    there, tendons = state_names(scene.bodies)[: scene.nv], []
+    there, tendons = state_names(scene.bodies)[: scene.nv], list[Tendon]()
     while not tendons or (len(tendons) < 3 and rng.random() < 0.4):
         count = min(len(there), int(rng.integers(1, 4)))
         chosen = tuple(there[j] for j in sorted(rng.permutation(len(there))[:count]))
