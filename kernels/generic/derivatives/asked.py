@@ -22,7 +22,8 @@ FAR = 1e6  # dv' beside what its bodies and rows ask by themselves; of proper on
 @cached
 def make_asked() -> SimpleNamespace:
     """told(t, k, d, b, n) of d.known and d.given before they are solved for; suffices(t, k, d, b, asked,
-    free): 1 if d.found is no more than that.
+    free): 1 if d.found is no more than that; d.known may be overwritten, d.side is not, which `system.py` needs
+    for dz.
     """
     dtype, many = WORK, make_many()
     ZERO, ONE, BEYOND = dtype(0.0), dtype(1.0), dtype(FAR * FAR)
@@ -48,18 +49,15 @@ def make_asked() -> SimpleNamespace:
 
     @wp.func(inline=False)
     def amplified(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, free: Lanes):
-        """By how much M^-1 makes more of d.known than its diagonal does (squared), at least 1; in d.side."""
+        """By how much M^-1 makes more of d.known than its diagonal does (squared), at least 1; in place."""
         known = d.known[b]
-        side = d.side[b]
-        for i in range(3 * t.blocks):
-            side[i] = known[i]
         for u in range(t.units):
             first = t.unit_start[u]
             last = t.unit_start[u + 1]
-            many.solve(k.mass_factor, k.mass_factor, t.mass_first, t.mass_at, t.block_id, side, first, last)
+            many.solve(k.mass_factor, k.mass_factor, t.mass_first, t.mass_at, t.block_id, known, first, last)
         size = Lanes()
         for i in range(3 * t.blocks):
-            size += wp.cw_mul(side[i], side[i])
+            size += wp.cw_mul(known[i], known[i])
         out = ONE + ZERO
         for lane in range(wp.static(len(Lanes()))):
             if free[lane] > ZERO:

@@ -38,7 +38,7 @@ STEEP = 0.7  # of the one before: a correction that is no rounding
 @cached
 def make_system(given: type, residual: str) -> SimpleNamespace:
     """factor(t, k, d, b, n) of the n acting rows, firmer(t, k, d, b): the same with rows that yield more,
-    1 if they may, and solve(t, k, d, b, n): d.found = dv' from -F1 in d.known and -F2 in d.given, which is
+    1 if they may, and solve(t, k, d, b, n): d.found = dv' from -F1 in d.known and -F2 in d.given, which are
     overwritten, 1 if that holds; then follow(t, k, d, b, n): d.root = dz, which lacks the last change until
     then. response(t, k, s): k.move = M^-1 J_s' in the units that row s
     moves. add(t, k, s, x, c): x += J_s' c.
