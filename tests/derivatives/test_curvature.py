@@ -127,6 +127,25 @@ def test_a_heavy_body_on_a_light_one_keeps_its_digits():
         assert (np.abs(found - expected) / size)[keep].max() <= 1e-4
 
 
+@pytest.mark.parametrize("stiffness", [1e8, 1e11])
+def test_a_row_beside_a_stiff_tendon_keeps_its_change(stiffness):
+    """A stiff tendon amplifies controls: that is checked, in place of what dz of a limit follows, 1e5 times
+    the second derivative.
+    """
+    bodies = (slcp.Body("pressed", 1.0, 0.1, joint="prismatic", upper=1.0), slcp.Body("lever", 1.0, 1e-3),
+              slcp.Body("slider", 1.0, 0.1, joint="prismatic"))  # fmt: skip
+    tendon = slcp.Tendon("stiff", ("lever.angle", "slider.shift"), (1.0, 1.0), stiffness)
+    pulled = slcp.Actuator("pressed"), slcp.Actuator("lever")
+    sc = slcp.Scene("tied", bodies, tendons=(tendon,), actuators=pulled, step_size=0.05)
+    sim = slcp.Simulator(sc, device="cpu", strategy="generic")
+    params = sim.params.replace(sigma=0.05)
+    x, u = np.array([[0.99, 0.3, -0.3, 0.5, 0.4, -0.4]]), np.array([[3.0, 1.0]])
+    found, status = slcp.weighted_hessian(sim, x, u, np.ones((1, 6)), params)
+    expected, _ = by_differences(sim, x, u, np.ones((1, 6)), params, 1e-5)
+    assert status[0] == 0 and np.abs(expected).max() > 0.1
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4 * np.abs(expected).max())
+
+
 def finger(horizon=20):
     sim = slcp.Simulator(scene("flicking_finger"), device="cpu", strategy="generic")
     return ddp.Problem(sim, ddp.costs.quadratic(np.eye(6), 0.1 * np.eye(2)), horizon)
