@@ -22,7 +22,7 @@ FAR = 1e6  # dv' beside what its bodies and rows ask by themselves; of proper on
 @cached
 def make_asked() -> SimpleNamespace:
     """told(t, k, d, b, n) of d.known and d.given before they are solved for; suffices(t, k, d, b, asked,
-    free): 1 if d.found is no more than that; d.known may be overwritten, d.side is not, which `system.py` needs
+    free): 1 if d.found is no more than that; d.known may be overwritten, d.side is not: `system.py` needs it
     for dz.
     """
     dtype, many = WORK, make_many()
