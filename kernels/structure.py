@@ -18,6 +18,8 @@ from .factories import cached
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
 DISC, ELLIPSE, HALFPLANE, CAPSULE = "disc", "ellipse", "halfplane", "capsule"
 RECTANGLE = "rectangle"
+RING = "ring"  # solid outside: discs, and the ends of what has sides, are inside of it
+WALLS = (HALFPLANE, RING)  # what has an inside without end, or an outside; of two of them neither is round
 SIDED = (CAPSULE, RECTANGLE)  # shapes that are flat beside their sides, and have discs at their ends
 CORNERS = {2: (-1, -1), 3: (1, -1), 4: (1, 1), 5: (-1, 1)}  # of a rectangle, as ends, along its axes
 WORLD = -1

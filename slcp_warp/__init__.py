@@ -11,6 +11,7 @@ require_installed(__name__, __path__[0])
 from . import costs, measures, policies, runs, scenes, tasks
 from .description.mjcf import MjcfError, load_mjcf, mjcf_control_limits
 from .description.parts import Actuator, Body, Contact, Shape, Spring, Tendon, box, touching
+from .description.ropes import rope
 from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
 from .ensembles.outcome import Report
@@ -113,6 +114,7 @@ __all__ = [
     "replay",
     "residual",
     "robustness_map",
+    "rope",
     "runs",
     "save_scene",
     "save_task",

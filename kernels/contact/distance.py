@@ -11,6 +11,9 @@ A pose is (c_x, c_y, e_x, e_y): centre and first axis (a half-plane's point and 
 n_y, d, h_A, h_A', h_B, h_B', _) at the solution. For a half-plane A: h_A = 0 and h_A' is the lever of the
 touched point along t, so that the same Jacobian formulas hold. The same is true of a capsule A (radii: its
 radius and half length) that a disc touches between the ends; beyond them it is the disc at its end.
+
+A ring A, which holds discs in, is a disc of negative radius: h_A = -R, and n points inwards, against the line
+of centres, where the distance is stationary, too: d = R - |c_B - c_A| - h_B.
 """
 
 import math
@@ -19,7 +22,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from ..structure import CAPSULE, DISC, HALFPLANE, RECTANGLE, SIDED
+from ..structure import CAPSULE, DISC, HALFPLANE, RECTANGLE, RING, SIDED
 from .sided import make_core, make_sided, make_size
 
 SAMPLES = 12  # boundary points of either shape tried by the global search
@@ -50,7 +53,7 @@ def make_support(dtype: type) -> wp.Function:
 
 @cached
 def make_round_support(kind: str, dtype: type) -> wp.Function:
-    """support(size, pose, n) -> (h, h', h'', h''') of a disc, an ellipse, or the end of a
+    """support(size, pose, n) -> (h, h', h'', h''') of a disc, a ring, an ellipse, or the end of a
     capsule or corner of a rectangle that n points to.
     """
     support = make_support(dtype)
@@ -62,6 +65,8 @@ def make_round_support(kind: str, dtype: type) -> wp.Function:
     def round_support(radii: SIZE, pose: V4, n: V2):
         if wp.static(kind == DISC):
             return V4(radii[0], ZERO, ZERO, ZERO)
+        if wp.static(kind == RING):
+            return V4(-radii[0], ZERO, ZERO, ZERO)
         c = n[0] * pose[2] + n[1] * pose[3]
         if wp.static(kind == CAPSULE):
             end = wp.where(c < ZERO, -radii[1], radii[1])
@@ -82,17 +87,17 @@ def make_round_support(kind: str, dtype: type) -> wp.Function:
 
 @cached
 def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
-    """geometry(ra, rb, pa, pb, warm) -> GEO and bound(ra, rb, pa, pb) <= d; a half-plane or a capsule can
-    only be A, a capsule only against a disc. `local` is `geometry` by a local search alone: where that does
-    not suffice n is (0, 0). flat(ra, pa, pb): where B touches a capsule A.
+    """geometry(ra, rb, pa, pb, warm) -> GEO and bound(ra, rb, pa, pb) <= d; a half-plane, a capsule
+    or a ring can only be A, the latter two only against a disc. `local` is `geometry` by a local search
+    alone: where that does not suffice n is (0, 0). flat(ra, pa, pb): where B touches a capsule A.
 
     An ellipse of equal radii (zero too) is a disc to rounding, so one pair of ellipses serves all round
     shapes where the kind is known at run time only.
     """
-    plane, sided = kind_a == HALFPLANE, kind_a in SIDED
+    plane, sided, hollow = kind_a == HALFPLANE, kind_a in SIDED, kind_a == RING
     sides = make_sided(kind_a, dtype)
     SIZE = make_size(kind_a, dtype)
-    exact = plane or sided or (kind_a == DISC and kind_b == DISC)
+    exact = plane or sided or (kind_a in (DISC, RING) and kind_b == DISC)
     support_a, support_b = make_round_support(kind_a, dtype), make_round_support(kind_b, dtype)
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
@@ -131,6 +136,8 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
             return V2(pa[2], pa[3])
         if wp.static(sided):
             return sides.normal(ra, pa, pb)
+        if wp.static(hollow):
+            return -centre_normal(pa, pb)
         return centre_normal(pa, pb)
 
     @wp.func

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..factories import cached
 from ..mechanism.kinematics import make_types
-from ..structure import CORNERS, DISC, HALFPLANE, RECTANGLE, SIDED, WORLD, Structure, layout
+from ..structure import CORNERS, DISC, HALFPLANE, RECTANGLE, SIDED, WALLS, WORLD, Structure, layout
 from .distance import make_distance, make_round_support
 from .sided import make_core, make_size
 
@@ -118,7 +118,7 @@ def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Funct
 
 
 def oriented_pair(s: Structure, pair: int) -> tuple[int, int]:
-    """(shape_a, shape_b) with a half-plane, or a whole shape with sides, first.
+    """(shape_a, shape_b) with a half-plane, a ring, or a whole shape with sides, first.
 
     The swap turns n and t both, so that J_n and J_t do not change.
     """
@@ -135,7 +135,7 @@ def oriented_ends(s: Structure, pair: int) -> tuple[int, int]:
 def _swapped(s: Structure, pair: int) -> bool:
     p = s.pairs[pair]
     kind = s.shapes[p.shape_b].kind
-    return kind == HALFPLANE or (kind in SIDED and p.end_b == 0)
+    return kind in WALLS or (kind in SIDED and p.end_b == 0)
 
 
 @cached
@@ -171,7 +171,7 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
 
     @wp.func
     def bound(world: t.World, fr: t.FRAMES):
-        """A lower bound of d (exact for half-planes, capsules and discs)."""
+        """A lower bound of d (exact for half-planes, capsules, rings and discs)."""
         pa = wp.static(pose_a)(world, fr)
         pb = wp.static(pose_b)(world, fr)
         return wp.static(distance.bound)(wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb)

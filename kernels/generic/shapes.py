@@ -8,9 +8,9 @@ from ..contact.distance import make_distance
 from ..contact.shapes import make_told, make_upright
 from ..contact.sided import make_core
 from ..factories import cached
-from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, RECTANGLE, WORLD
+from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, RECTANGLE, RING, WORLD
 from .mechanism import COLUMN, make_mechanism
-from .topology import BLOCK, LONG, PLANE, Topology
+from .topology import BLOCK, HOLLOW, LONG, PLANE, Topology
 from .work import V2, V3, V4, WORK, Slot
 
 
@@ -29,6 +29,7 @@ def make_shapes(given: type) -> SimpleNamespace:
     GEO = wp.types.vector(8, dtype)
     long_distance = make_distance(CAPSULE, DISC, dtype)
     block_distance = make_distance(RECTANGLE, DISC, dtype)
+    hollow_distance = make_distance(RING, DISC, dtype)
     core = make_core(dtype)
     plane_distance = make_distance(HALFPLANE, ELLIPSE, dtype)
     round_distance = make_distance(ELLIPSE, ELLIPSE, dtype)
@@ -130,6 +131,8 @@ def make_shapes(given: type) -> SimpleNamespace:
         if t.pair_kind[pair] == BLOCK:
             block = size(t, k, t.pair_a[pair])
             return parts(k, pair, block_distance.geometry(block, rb, pa, pb, V2()), ra, rb, pa, pb)
+        if t.pair_kind[pair] == HOLLOW:
+            return parts(k, pair, hollow_distance.geometry(ra, rb, pa, pb, V2()), ra, rb, pa, pb)
         return parts(k, pair, round_distance.geometry(ra, rb, pa, pb, k.normal[pair]), ra, rb, pa, pb)
 
     @wp.func
@@ -140,6 +143,8 @@ def make_shapes(given: type) -> SimpleNamespace:
             return long_distance.bound(ra, rb, pa, pb)
         if t.pair_kind[pair] == BLOCK:
             return block_distance.bound(size(t, k, t.pair_a[pair]), rb, pa, pb)
+        if t.pair_kind[pair] == HOLLOW:
+            return hollow_distance.bound(ra, rb, pa, pb)
         return round_distance.bound(ra, rb, pa, pb)
 
     return SimpleNamespace(

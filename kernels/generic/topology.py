@@ -16,18 +16,14 @@ import warp as wp
 
 from ..contact.shapes import oriented_ends, oriented_pair
 from ..factories import cached
-from ..structure import CAPSULE, DISC, HALFPLANE, PRISMATIC, RECTANGLE, WORLD, Structure, layout
+from ..structure import CAPSULE, DISC, HALFPLANE, PRISMATIC, RECTANGLE, RING, WORLD, Structure, layout
 from .broad.items import bits_of, item_tables, items_first
 
 TURN, AXIS, SHIFT_X, SHIFT_Y = 0, 1, 2, 3  # what a degree of freedom does
 LOWER, UPPER, CONTACT = 0, 1, 2  # kinds of rows
-PLANE, LONG, ROUND, BLOCK = (
-    0,
-    1,
-    2,
-    3,
-)  # first shape of a pair: half-plane, capsule, ellipse or disc, rectangle
-KINDS = {HALFPLANE: PLANE, CAPSULE: LONG, RECTANGLE: BLOCK}
+# first shape of a pair: half-plane, capsule, ellipse or disc, rectangle, ring
+PLANE, LONG, ROUND, BLOCK, HOLLOW = 0, 1, 2, 3, 4
+KINDS = {HALFPLANE: PLANE, CAPSULE: LONG, RECTANGLE: BLOCK, RING: HOLLOW}
 JOINT = {"revolute": 0, "prismatic": 1, "free": 2}
 MOVES_A, MOVES_B = 1, 2  # which sides of a pair a degree of freedom moves
 
@@ -88,7 +84,7 @@ class Topology:
     rotor_dof: wp.array(dtype=wp.int32)  # (rotors)
     shape_body: wp.array(dtype=wp.int32)
     shape_turned: wp.array(dtype=wp.int32)
-    pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE, LONG, ROUND or BLOCK
+    pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE, LONG, ROUND, BLOCK or HOLLOW
     pair_a: wp.array(dtype=wp.int32)
     pair_b: wp.array(dtype=wp.int32)
     pair_ends: wp.array(dtype=wp.int32)  # (2 pairs) as in `PairStructure`; 0: the shape

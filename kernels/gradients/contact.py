@@ -17,7 +17,7 @@ from ..contact.derivatives import make_pair_derivatives
 from ..contact.shapes import make_pair, oriented_ends, oriented_pair
 from ..factories import cached
 from ..mechanism.dynamics import make_mechanism
-from ..structure import CAPSULE, CORNERS, DISC, ELLIPSE, RECTANGLE, Structure, layout
+from ..structure import CAPSULE, CORNERS, DISC, ELLIPSE, RECTANGLE, RING, Structure, layout
 
 
 @cached
@@ -190,6 +190,8 @@ def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
             c = n[0] * pose[2] + n[1] * pose[3]
             if wp.static(disc or capsule):
                 grad[wp.static(DISC_RADIUS)] = grad[wp.static(DISC_RADIUS)] + by[0]
+            if wp.static(kind == RING):
+                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] - by[0]
             if wp.static(kind == RECTANGLE):
                 size = of.of_rectangle(c, n[1] * pose[2] - n[0] * pose[3], by)
                 grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + size[0]

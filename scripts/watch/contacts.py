@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from slcp_warp.description.kinematics import across, turn
-from slcp_warp.kernels.structure import CORNERS, SIDED
+from slcp_warp.kernels.structure import CORNERS, HALFPLANE, SIDED, WALLS
 from slcp_warp.results.pictures.mechanism import Mechanism
 
 Part = tuple[int, int]  # a shape, and which end of it: 0, the whole shape
@@ -27,17 +27,30 @@ def contact_points(
     points, normals = np.zeros((len(pairs), 2)), np.zeros((len(pairs), 2))
     for i, pair in enumerate(structure.pairs[k] for k in pairs):
         a, b = (pair.shape_a, pair.end_a), (pair.shape_b, pair.end_b)
-        plane = [part for part in (a, b) if structure.shapes[part[0]].kind == "halfplane"]
-        if plane:
-            facing = turn(angle[0, plane[0][0]], np.array([1.0, 0.0]))
-            normal = facing if plane[0] == a else -facing
+        wall = [part for part in (a, b) if structure.shapes[part[0]].kind in WALLS]
+        if wall:
+            facing = _facing(mechanism, centre[0], angle[0], wall[0], b if wall[0] == a else a)
+            normal = facing if wall[0] == a else -facing
         else:
             normal = _normal(mechanism, centre[0], angle[0], a, b)
-        touching = a if plane and plane[0] == b else b
+        touching = a if wall and wall[0] == b else b
         along = normal if touching == a else -normal
         points[i] = centre[0, touching[0]] + _support(mechanism, angle[0], touching, along[None])[0]
         normals[i] = normal
     return points, normals
+
+
+def _facing(
+    mechanism: Mechanism, centre: np.ndarray, angle: np.ndarray, wall: Part, other: Part
+) -> np.ndarray:
+    """Where a half-plane looks to, or a ring at the centre of what is in it."""
+    ahead = np.array([1.0, 0.0])
+    if mechanism.scene.structure.shapes[wall[0]].kind == HALFPLANE:
+        return np.asarray(turn(angle[wall[0]], ahead))
+    both = _support(mechanism, angle, other, np.stack([ahead, -ahead]))
+    inwards = centre[wall[0]] - centre[other[0]] - both.mean(axis=0)
+    length = float(np.linalg.norm(inwards))
+    return inwards / length if length > 0.0 else -ahead
 
 
 def _normal(mechanism: Mechanism, centre: np.ndarray, angle: np.ndarray, a: Part, b: Part) -> np.ndarray:

@@ -135,6 +135,8 @@ def _distance(kind: str, size: np.ndarray, local: np.ndarray) -> float:
     if kind == "rectangle":
         over = np.abs(local) - size[:2] + size[2]
         return float(np.linalg.norm(np.maximum(over, 0.0)) + min(over.max(), 0.0) - size[2])
+    if kind == "ring":
+        return float(abs(np.linalg.norm(local) - size[0]))
     size = np.maximum(size, 1e-3)
     level = float(np.linalg.norm(local / size))
     return (level - 1.0) * float(size.min())

@@ -6,7 +6,7 @@ The rules are those of MuJoCo's geoms, whose names the fields have. Two shapes m
 - one's body is the parent of the other's (`Body.touches_parent` says otherwise); the world is no parent;
 - their bodies are among the scene's `excluded`;
 - `contype` of neither has a bit in common with `conaffinity` of the other;
-- both are half-planes.
+- both are half-planes or rings.
 
 Friction is the larger one of the two shapes', each its own or else the scene's; so is restitution.
 """
@@ -14,7 +14,7 @@ Friction is the larger one of the two shapes', each its own or else the scene's;
 from collections.abc import Sequence
 from typing import Any
 
-from slcp_warp.kernels.structure import CAPSULE, ELLIPSE, HALFPLANE, SIDED
+from slcp_warp.kernels.structure import CAPSULE, ELLIPSE, RING, SIDED, WALLS
 
 from ..inputs.checks import shown
 from ..inputs.errors import SceneError
@@ -38,13 +38,14 @@ def auto_contacts(
     """Every two shapes that may touch, in the order of the shapes.
 
     Raises:
-        SceneError: an ellipse and what has sides among them, which cannot touch, or more than `MOST_PAIRS`.
+        SceneError: an ellipse and a ring or what has sides among them, which cannot touch, or more than
+            `MOST_PAIRS`.
     """
     apart = _apart(bodies, excluded)
     out: list[Contact] = []
     for i, a in enumerate(shapes):
         for b in shapes[i + 1 :]:
-            if a.body == b.body or a.kind == b.kind == HALFPLANE or (a.body, b.body) in apart:
+            if a.body == b.body or (a.kind in WALLS and b.kind in WALLS) or (a.body, b.body) in apart:
                 continue
             if not (a.contype & b.conaffinity or b.contype & a.conaffinity):
                 continue
@@ -76,11 +77,12 @@ def _larger(a: float | None, b: float | None, common: float | None) -> float | N
 
 
 def _check_kinds(a: Shape, b: Shape, shapes: Sequence[Shape]) -> None:
-    if ELLIPSE in (a.kind, b.kind) and {a.kind, b.kind} & set(SIDED):
-        side = a.kind if a.kind in SIDED else b.kind
+    if ELLIPSE in (a.kind, b.kind) and {a.kind, b.kind} & {*SIDED, RING}:
+        side = b.kind if a.kind == ELLIPSE else a.kind
+        what = "discs, capsules, rectangles" if side == RING else "half-planes, discs, capsules, rectangles"
         raise SceneError(
             f"contacts 'auto': {_told(a, shapes)} and {_told(b, shapes)} cannot touch; a {side} touches "
-            "half-planes, discs, capsules, rectangles; leave the pair out by contype and conaffinity: an "
+            f"{what}; leave the pair out by contype and conaffinity: an "
             "ellipse with contype=2, conaffinity=3 meets no side of a box"
         )
 

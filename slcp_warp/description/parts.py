@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, RECTANGLE
+from slcp_warp.kernels.structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, RECTANGLE, RING
 
 from ..inputs import rules
 from ..inputs.checks import array, flag, number, shown
@@ -20,7 +20,7 @@ from .fields import Fields, several
 
 Pair2 = tuple[float, float]
 JOINTS = {"revolute": 1, "prismatic": 1, "free": 3}  # and their degrees of freedom
-KINDS = (DISC, ELLIPSE, HALFPLANE, CAPSULE, RECTANGLE)
+KINDS = (DISC, ELLIPSE, HALFPLANE, CAPSULE, RECTANGLE, RING)
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,8 @@ class Shape:
         name: unique name.
         body: name of its body, or None for the world.
         kind: "disc" (radius; 0 is a point), "ellipse" (two radii along its axes), "capsule" (radius and half
-            length of its segment, which lies along its axis), "rectangle" (half of its width and height) or
-            "halfplane".
+            length of its segment, which lies along its axis), "rectangle" (half of its width and height),
+            "ring" (radius; solid outside, it holds in what is in it) or "halfplane".
         radius: (r,), (rx, ry), a capsule's (r, half length) or a rectangle's (half width, half height) [m].
         offset: centre, or a point of the half-plane, in the body's frame [m].
         angle: of the first axis, or of a half-plane's outward normal, against the body's x [rad].
@@ -149,7 +149,8 @@ class Contact:
 
     A capsule touches half-planes with the discs at its ends (two pairs), discs with its nearest point (one
     pair), and another capsule with the ends of either on the other (four pairs); so does a rectangle, with
-    the discs at its four corners. Ellipses touch neither.
+    the discs at its four corners. Ellipses touch neither. A ring touches discs in it, and the ends and
+    corners of capsules and rectangles.
 
     Attributes:
         shape_a, shape_b: names of shapes; the normal points from the first to the second.

@@ -11,7 +11,9 @@ from slcp_warp.kernels.structure import (
     ELLIPSE,
     HALFPLANE,
     RECTANGLE,
+    RING,
     SIDED,
+    WALLS,
     WORLD,
     BodyStructure,
     PairStructure,
@@ -69,8 +71,8 @@ def contact_ends(shapes: Sequence[Shape], contact: Contact) -> tuple[tuple[int, 
     kind = {shape.name: shape.kind for shape in shapes}
     a, b = kind[contact.shape_a], kind[contact.shape_b]
     ends: dict[str, tuple[int, ...]] = {CAPSULE: (-1, 1), RECTANGLE: tuple(CORNERS)}
-    of_a = [(end, 0) for end in ends.get(a, ()) if b in ends or b == HALFPLANE]
-    of_b = [(0, end) for end in ends.get(b, ()) if a in ends or a == HALFPLANE]
+    of_a = [(end, 0) for end in ends.get(a, ()) if b in ends or b in WALLS]
+    of_b = [(0, end) for end in ends.get(b, ()) if a in ends or a in WALLS]
     return (*of_a, *of_b) or ((0, 0),)
 
 
@@ -222,7 +224,7 @@ def _check_sharp(contact: Contact, a: Shape, b: Shape) -> None:
         return shape.corner_radius if shape.kind == RECTANGLE else radii(shape)[0]
 
     kinds = (a.kind, b.kind)
-    if RECTANGLE in kinds and HALFPLANE not in kinds and rounds(a) == rounds(b) == 0.0:
+    if RECTANGLE in kinds and not set(WALLS) & set(kinds) and rounds(a) == rounds(b) == 0.0:
         raise SceneError(
             f"contact {contact.shape_a!r} - {contact.shape_b!r}: both have sharp corners, and two points "
             "that touch have no normal; one of them needs a radius (of rectangles: corner_radius) > 0"
@@ -231,8 +233,12 @@ def _check_sharp(contact: Contact, a: Shape, b: Shape) -> None:
 
 def _check_pair(contact: Contact, a: ShapeStructure, b: ShapeStructure) -> None:
     label = f"contact {contact.shape_a!r} - {contact.shape_b!r}"
-    if a.kind == HALFPLANE and b.kind == HALFPLANE:
-        raise SceneError(f"{label}: both are half-planes; at least one shape must be round")
+    if a.kind in WALLS and b.kind in WALLS:
+        what = "half-planes" if a.kind == b.kind == HALFPLANE else f"a {a.kind} and a {b.kind}"
+        raise SceneError(f"{label}: both are {what}; at least one shape must be round")
+    if {a.kind, b.kind} == {RING, ELLIPSE}:
+        raise SceneError(f"{label}: a ring and an ellipse cannot touch; "
+                         "a ring touches discs, capsules, rectangles")  # fmt: skip
     if ELLIPSE in (a.kind, b.kind) and {a.kind, b.kind} & set(SIDED):
         side = a.kind if a.kind in SIDED else b.kind
         raise SceneError(f"{label}: a {side} and an ellipse cannot touch; "

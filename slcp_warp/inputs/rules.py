@@ -82,13 +82,13 @@ def check_axis(label: str, array: np.ndarray, error: type[ArgumentError]) -> Non
 
 def check_radius(label: str, kind: str, radius: np.ndarray, error: type[ArgumentError]) -> None:
     """Raise an error for sizes (..., 2) that a kind of shape cannot have."""
-    if kind in ("ellipse", "rectangle") and not (radius > 0.0).all():
-        which = "an ellipse" if kind == "ellipse" else "a rectangle"
+    if kind in ("ellipse", "rectangle", "ring") and not (radius > 0.0).all():
+        which = "an ellipse" if kind == "ellipse" else f"a {kind}"
         raise error(f"{label} is {radius.min()}; {which}'s must be positive")
     different = radius[..., 0] != radius[..., 1]
-    if kind == "disc" and different.any():
+    if kind in ("disc", "ring") and different.any():
         pair = tuple(np.atleast_2d(radius[different])[0].tolist())
-        raise error(f"{label} is {pair}; a disc has one radius, an ellipse two")
+        raise error(f"{label} is {pair}; a {kind} has one radius, an ellipse two")
 
 
 def check_corners(

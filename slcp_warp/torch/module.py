@@ -71,11 +71,11 @@ class Rollout(torch.nn.Module):
     def values(self) -> dict[str, Tensor]:
         """The learned parameters by name.
 
-        A disc has one radius, twice: its gradient is that of the first number.
+        A disc or ring has one radius, twice: its gradient is that of the first number.
         """
         out = {self._names[key]: value for key, value in self.physical.items()}
         if "radius" in out:
-            discs = [[shape.kind == "disc"] for shape in self.sim.scene.shapes]
+            discs = [[shape.kind in ("disc", "ring")] for shape in self.sim.scene.shapes]
             both = torch.tensor(discs, device=out["radius"].device)
             out["radius"] = torch.where(both, out["radius"][:, :1], out["radius"])
         return out

@@ -76,8 +76,8 @@ def test_needle_and_point_shapes(device, dtype):
         check(got, exact, dtype, 3.0)
 
 
-@pytest.mark.parametrize("name", ["capsules", "pill", "blocks", "slab"])
-def test_capsules_and_rectangles(device, name, dtype=wp.float64):
+@pytest.mark.parametrize("name", ["capsules", "pill", "blocks", "slab", "hoop"])
+def test_capsules_rectangles_and_rings(device, name, dtype=wp.float64):
     """Beside and beyond their ends; and the rows of a step, by the oracle's solution.
 
     Deeper than the sum of the radii both sides of a segment are as good: too close for the oracle's grid.

@@ -45,6 +45,7 @@ def agree(got, exact, bound):
         slow("capsules", {}),
         slow("pill", {}),
         slow("slab", {}),
+        slow("hoop", {}),
         slow("slab", {"residual": "hard", "friction": "coulomb"}),
         pytest.param("blocks", {}, marks=pytest.mark.full),
         slow("sprung_plane", {}),

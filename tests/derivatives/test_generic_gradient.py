@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import warp as wp
-from parameter_checks import check, crane, errors, jib, lever, smooth, states
+from parameter_checks import check, crane, errors, hub, jib, lever, smooth, states
 from random_scenes import near_contact, random_tree
 from simulators import scene
 from taped import loss_of, on_device
@@ -34,7 +34,8 @@ def tree_with_contacts(seed):
 
 
 @pytest.mark.parametrize(
-    "make", [crane, jib, lever, functools.partial(scene, "sprung"), functools.partial(tree_with_contacts, 4)]
+    "make",
+    [crane, jib, hub, lever, functools.partial(scene, "sprung"), functools.partial(tree_with_contacts, 4)],
 )
 def test_every_column_against_differences(make):
     """Joints of every kind, capsules, springs with dampers, limits, friction: shapes that turn and slide."""

@@ -21,6 +21,7 @@ CASES = [  # scene, scaling, hard, second derivatives too: one kernel makes A, B
     pytest.param("capsules", "inertia", False, False, marks=pytest.mark.full),
     slow("pill", "inertia", False, True),
     slow("slab", "inertia", False, True),
+    slow("hoop", "inertia", False, True),
     pytest.param("blocks", "inertia", False, False, marks=pytest.mark.full),
     slow("touching_tree", "inertia", False, False),
 ]

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import warp as wp
-from parameter_checks import acts, alike, check, crane, errors, jib, smooth, states
+from parameter_checks import acts, alike, check, crane, errors, hub, jib, smooth, states
 from random_scenes import near_contact
 from simulators import scene, simulator
 from taped import loss_of, on_device
@@ -144,7 +144,7 @@ def test_coulomb_friction(device):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("make, pushed_rows", [(crane, 5), (jib, 5)])
+@pytest.mark.parametrize("make, pushed_rows", [(crane, 5), (jib, 5), (hub, 4)])
 def test_springs_shapes_with_sides_and_noise_of_the_state(device, make, pushed_rows):
     sc = make()
     sim = slcp.Simulator(sc, slcp.Options(noise="state"), device=device, dtype="float64")

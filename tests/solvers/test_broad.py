@@ -21,7 +21,8 @@ F, V3, V4 = wp.float64, wp.vec3d, wp.vec4d
 
 
 def crowd(rng, size):
-    """Free and hinged bodies of one to three round shapes, half-planes of the world and of bodies, posts."""
+    """Free and hinged bodies of one to three round shapes, half-planes of the world and of bodies, posts,
+    often a ring of a body."""
     long = str(rng.choice(["capsule", "ellipse", "rectangle"]))
     bodies, shapes = (
         [],
@@ -40,6 +41,8 @@ def crowd(rng, size):
             corner = {"corner_radius": 0.03} if kind == "rectangle" else {}
             shapes.append(Shape(f"s{i}_{j}", f"b{i}", kind, radius, offset, rng.uniform(-3, 3), **corner))
     shapes.append(Shape("tray", "b0", "halfplane", offset=(0.1, 0.2), angle=1.0))
+    if long != "ellipse":  # which rings do not touch
+        shapes.append(Shape("hoop", "b1", "ring", 2.5, offset=(0.2, 0.0)))
     scene = slcp.Scene("crowd", tuple(bodies), tuple(shapes), "auto", friction=0.4)
     kept = [c for c in scene.all_contacts if rng.random() < 0.8]  # listed: any order, some pairs missing
     return dataclasses.replace(

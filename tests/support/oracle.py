@@ -50,8 +50,8 @@ class Oracle:
         self.nv, self.nu, self.nr = self.structure.nv, self.structure.nu, self.structure.nr
         if self.p["sigma"].ndim == 0:
             self.p["sigma"] = np.full(self.nr, float(self.p["sigma"]))
-
-    # ---------------------------------------------------------------- kinematics
+        rings = [shape.kind == "ring" for shape in self.structure.shapes]  # discs of negative radius
+        self.p["radius"] = np.where(np.array(rings, bool)[:, None], -1.0, 1.0) * self.p["radius"]
 
     def frames(self, q):
         """Angle (...) and origin (..., 2) of every body, complex if q is."""
@@ -96,8 +96,6 @@ class Oracle:
         """Diagonal of the maximal mass matrix (..., 3 nb)."""
         m, i = self.p["mass"], self.p["inertia"]
         return np.stack([m, m, i], -1).reshape(m.shape[:-1] + (-1,))
-
-    # ---------------------------------------------------------------- dynamics
 
     def mass_matrix(self, q):
         """M(q), (..., nv, nv)."""
@@ -197,8 +195,6 @@ class Oracle:
         kinetic = 0.5 * np.einsum("...i,...ij,...j->...", v, self.mass_matrix(q), v)
         return kinetic - np.sum(self.p["mass"] * height, -1)
 
-    # ---------------------------------------------------------------- contact
-
     def shape_pose(self, q, shape, end=0):
         """Centre (..., 2) and world angle (...) of a shape, or of the disc at an end of a capsule or a
         rectangle's corner.
@@ -225,7 +221,7 @@ class Oracle:
             half, corner = self.core(shape), self.p["corner_radius"][..., shape]
             sides = [np.sqrt((half[..., i] * f(angle - turn)) ** 2) for i, f in enumerate((np.cos, np.sin))]
             return corner + (0.0 * (angle - turn) if end else sides[0] + sides[1])
-        if self.structure.shapes[shape].kind == "disc" or end:
+        if self.structure.shapes[shape].kind in ("disc", "ring") or end:
             return rx + 0.0 * (angle - turn)
         if self.structure.shapes[shape].kind == "capsule":
             return rx + np.sqrt((ry * np.cos(angle - turn)) ** 2)
@@ -234,7 +230,7 @@ class Oracle:
     def farthest(self, shape, centre, turn, angle, end=0):
         """The boundary point (..., 2) that is farthest along `angle`, by the shape's parametric form."""
         rx, ry = self.p["radius"][..., shape, 0], self.p["radius"][..., shape, 1]
-        if self.structure.shapes[shape].kind == "disc" or end:
+        if self.structure.shapes[shape].kind in ("disc", "ring") or end:
             if self.structure.shapes[shape].kind == "rectangle":
                 rx = self.p["corner_radius"][..., shape]
             return centre + rx[..., None] * direction(angle)
@@ -260,6 +256,9 @@ class Oracle:
         if "halfplane" in kinds:
             turn = self.shape_pose(q, (pair.shape_a, pair.shape_b)[kinds.index("halfplane")])[1]
             return turn + np.pi * kinds.index("halfplane"), np.full(turn.shape, np.inf)
+        if "ring" in kinds:  # against the line of centres
+            across = self.ends(q, k)[0] - self.ends(q, k)[2]
+            return np.arctan2(across[..., 1], across[..., 0]), np.full(q.shape[:-1], np.inf)
         grid = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         ends = self.ends(q, k)
         tried = self.separation(ends, k, grid.reshape((-1,) + (1,) * (q.ndim - 1)))
@@ -337,8 +336,6 @@ class Oracle:
         if not rows:
             return np.zeros(q.shape[:-1] + (0,)), np.zeros(q.shape[:-1] + (0, self.nv)), margin
         return np.stack(np.broadcast_arrays(*gaps), -1), np.stack(np.broadcast_arrays(*rows), -2), margin
-
-    # ---------------------------------------------------------------- one step
 
     def problem(self, x, u=None, external=None, scaling="inertia"):
         """What one step solves: a dict of M (or M + h C + h^2/2 K), f = M vfree, J, d, rate = d / h, A, b, D,

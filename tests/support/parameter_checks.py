@@ -15,7 +15,7 @@ RELATIVE = 1e-6
 
 def alike(scene, name, at):
     """Entries of a parameter that can only change together with this one: both of a disc's radius."""
-    if name == "radius" and scene.shapes[at[0]].kind == "disc":
+    if name == "radius" and scene.shapes[at[0]].kind in ("disc", "ring"):
         return {(at[0], 0), (at[0], 1)}
     return {at}
 
@@ -140,6 +140,16 @@ def jib():
     block = dataclasses.replace(pill, kind="rectangle", radius=(0.4, 0.15), corner_radius=0.06)
     shapes = (bar, dataclasses.replace(plate, offset=(0.0, -0.5)), block, ball)
     return dataclasses.replace(base, name="jib", shapes=shapes)
+
+
+def hub():
+    """`crane` with a ring in place of the bar, which the pill's ends and the disc are in."""
+    base = crane()
+    ring = Shape("bar", "arm", "ring", 0.75, offset=(0.35, 0.5), angle=0.2)
+    pill = dataclasses.replace(base.shapes[2], offset=(-0.2, 0.1))
+    ball = dataclasses.replace(base.shapes[3], offset=(0.1, 0.35))
+    return dataclasses.replace(base, name="hub", shapes=(ring, pill, ball),
+                               contacts=(Contact("pill", "bar"), Contact("ball", "bar", 0.4)))  # fmt: skip
 
 
 def trampoline():

@@ -120,6 +120,18 @@ def slab() -> Scene:
     return Scene("slab", bodies, shapes, (Contact("ball", "bar", 0.4),), step_size=0.02)
 
 
+def hoop() -> Scene:
+    """A ring on a hinged arm around a free body with a disc, with friction, and a capsule."""
+    shapes = (
+        Shape("hoop", "arm", "ring", 0.5, offset=(0.5, 0.05), angle=0.2),
+        Shape("ball", "mate", "disc", 0.2, offset=(0.2, 0.1)),
+        Shape("rod", "mate", "capsule", (0.05, 0.25), offset=(-0.1, 0.0), angle=0.3),
+    )
+    bodies = (Body("arm", 2.0, 0.5, damping=0.3), Body("mate", 1.0, 0.1, joint="free", anchor=(0.5, 0.05)))
+    contacts = (Contact("ball", "hoop", 0.4), Contact("hoop", "rod"))
+    return Scene("hoop", bodies, shapes, contacts, step_size=0.02)
+
+
 def tree(seed: int, *joints: str) -> Scene:
     """A random chain with these joints, or a random tree of four bodies; no contacts."""
     rng = np.random.default_rng(seed)
@@ -173,6 +185,7 @@ MAKERS = {
     "pill": pill,
     "blocks": blocks,
     "slab": slab,
+    "hoop": hoop,
     "push_on_ice": push_on_ice,
     "touching_tree": touching_tree,
     "tree0": lambda: tree(0),

@@ -1,25 +1,26 @@
 """What a scene's broad phase looks at: items that may touch, and the pairs between any two of them.
 
-An *item* is a body with its round shapes (all but half-planes) that are in pairs, or such a shape of
-the world. Half-planes are no items: each is tested against all items that it has pairs with.
+An *item* is a body with its round shapes (all but half-planes and rings) that are in pairs, or such a shape
+of the world. Half-planes and rings are no items: each is tested against all items that it has pairs with.
 """
 
 from ...factories import cached
-from ...structure import CAPSULE, HALFPLANE, RECTANGLE, WORLD, Structure
+from ...structure import CAPSULE, RECTANGLE, RING, WALLS, WORLD, Structure
 
 FEWEST = 64  # pairs
-LARGER, SUM, DIAGONAL = 0, 1, 2  # of both numbers of a shape's size: how far it reaches from its centre
-REACHES = {CAPSULE: SUM, RECTANGLE: DIAGONAL}
+# of both numbers of a shape's size: how far it reaches from its centre; or that it holds in what is in it
+LARGER, SUM, DIAGONAL, AROUND = 0, 1, 2, 3
+REACHES = {CAPSULE: SUM, RECTANGLE: DIAGONAL, RING: AROUND}
 
 
 @cached
 def item_tables(s: Structure) -> tuple[int, int, dict[str, list[int]]]:
-    """Items, half-planes, and the tables of `Topology` that begin with `item`; the half-planes come last."""
+    """Items, half-planes and rings, and the tables of `Topology` that begin with `item`; items come first."""
     used = sorted({i for p in s.pairs for i in (p.shape_a, p.shape_b)})
-    planes = [i for i in used if s.shapes[i].kind == HALFPLANE]
+    planes = [i for i in used if s.shapes[i].kind in WALLS]
     shapes: dict[tuple[int, int], list[int]] = {}
     for i in used:
-        if s.shapes[i].kind != HALFPLANE:
+        if s.shapes[i].kind not in WALLS:
             body = s.shapes[i].body
             shapes.setdefault((body, i if body == WORLD else 0), []).append(i)
     groups = [*shapes.values(), *([i] for i in planes)]
@@ -27,7 +28,7 @@ def item_tables(s: Structure) -> tuple[int, int, dict[str, list[int]]]:
     between: list[dict[int, list[int]]] = [{} for _ in groups]
     for k, p in enumerate(s.pairs):
         low, high = sorted((item[p.shape_a], item[p.shape_b]))
-        if high >= len(shapes):  # a half-plane looks at the items
+        if high >= len(shapes):  # a half-plane or ring looks at the items
             low, high = high, low
         between[low].setdefault(high, []).append(k)
     out: dict[str, list[int]] = {

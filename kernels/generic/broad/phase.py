@@ -22,7 +22,7 @@ from ...structure import WORLD
 from ..mechanism import COLUMN
 from ..topology import CONTACT, Topology
 from ..work import AXIS_OF_ITEMS, LISTED, V2, V4, WORK, Slot
-from .items import DIAGONAL, SUM
+from .items import AROUND, DIAGONAL, SUM
 
 SPARE = 0.05  # margin beyond what is asked for, in mean radii a step
 ROUNDING = 1e-12  # of a disc, relative to its place and size
@@ -166,7 +166,7 @@ def make_broad(residual: str) -> SimpleNamespace:
     NOWHERE, LARGEST = WORK(-1e300), WORK(1e300)
     PART, LOST, FLIP = WORK(SPARE), WORK(ROUNDING), WORK(1.5)
     CUT_OFF = WORK(0.0 if residual == "hard" else make_smoothing(WORK, residual).cut)
-    H, SIGMA, FRICTION = (COLUMN[name] for name in ("step_size", "sigma", "friction"))
+    H, SIGMA, FRICTION, RADIUS = (COLUMN[name] for name in ("step_size", "sigma", "friction", "radius"))
 
     @wp.func
     def measure(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -274,9 +274,11 @@ def make_broad(residual: str) -> SimpleNamespace:
 
     @wp.func
     def against_planes(t: wp.ref[Topology], k: wp.ref[Slot], steep: WORK, half: WORK):
-        """List the pairs of half-planes with the items that come to them."""
+        """List the pairs of half-planes and rings with the items that come to them."""
         for i in range(t.items, t.items + t.planes):
-            face = k.shape[t.item_shape[t.item_shape_start[i]]]
+            at_shape = t.item_shape_start[i]
+            shape = t.item_shape[at_shape]
+            face = k.shape[shape]
             own = k.item_speed[i]
             lost = LOST * (wp.abs(face[0]) + wp.abs(face[1]))
             for at in range(t.item_partner_start[i], t.item_partner_start[i + 1]):
@@ -286,6 +288,10 @@ def make_broad(residual: str) -> SimpleNamespace:
                 y = d[1] - face[1]
                 gap = x * face[2] + y * face[3] - d[3]
                 arm = wp.abs(y * face[2] - x * face[3]) + d[2]
+                if t.item_reach[at_shape] == AROUND:
+                    away = wp.sqrt(x * x + y * y)
+                    gap = k.numbers[t.columns[RADIUS] + 2 * shape] - away - d[3]
+                    arm = away + d[2]
                 if not (gap > steep * (own[0] + own[1] * arm) + half + lost):
                     put.partner(t, k, at)
 

@@ -15,10 +15,10 @@ import warp as wp
 
 from ...contact.distance import make_distance, make_round_support
 from ...factories import cached
-from ...structure import CAPSULE, DISC, ELLIPSE, RECTANGLE
+from ...structure import CAPSULE, DISC, ELLIPSE, RECTANGLE, RING
 from ..contact import make_contact
 from ..mechanism import make_mechanism
-from ..topology import BLOCK, LONG, MOVES_A, MOVES_B, PLANE, TURN, Topology
+from ..topology import BLOCK, HOLLOW, LONG, MOVES_A, MOVES_B, PLANE, TURN, Topology
 from ..work import WORK, Slot
 from .tables import OfContact, Slopes
 
@@ -40,7 +40,7 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
     contact = make_contact(given, residual)
     pose_a, pose_b, radii_a, radii_b = contact.pose_a, contact.pose_b, contact.radii_a, contact.radii_b
     of_ellipse, of_capsule = make_round_support(ELLIPSE, dtype), make_round_support(CAPSULE, dtype)
-    of_rectangle = make_round_support(RECTANGLE, dtype)
+    of_rectangle, of_ring = make_round_support(RECTANGLE, dtype), make_round_support(RING, dtype)
     where, where_block = (make_distance(kind, DISC, dtype).flat for kind in (CAPSULE, RECTANGLE))
     ZERO, HALF, ONE, EPS = dtype(0.0), dtype(0.5), dtype(1.0), dtype(1e-12)
 
@@ -94,6 +94,8 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
             size = contact.size(t, k, t.pair_a[pair])
             ha = of_rectangle(size, pa, n)
             flat = where_block(size, pa, pb)
+        elif t.pair_kind[pair] == HOLLOW:
+            ha = of_ring(ra, pa, n)
         else:
             ha = of_ellipse(ra, pa, n)
         radius = reach + ha[2] + hb[2]

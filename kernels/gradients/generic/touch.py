@@ -11,9 +11,9 @@ from ...contact.distance import make_distance, make_round_support
 from ...contact.sided import make_core
 from ...factories import cached
 from ...generic.contact import make_contact
-from ...generic.topology import BLOCK, LONG, PLANE, ROUND, Topology
+from ...generic.topology import BLOCK, HOLLOW, LONG, PLANE, ROUND, Topology
 from ...generic.work import Slot
-from ...structure import CAPSULE, DISC, ELLIPSE, RECTANGLE, WORLD
+from ...structure import CAPSULE, DISC, ELLIPSE, RECTANGLE, RING, WORLD
 from ..contact import make_answer
 from .room import View
 from .twists import make_twists, perp
@@ -63,8 +63,8 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
         z.COLUMN[n] for n in ("radius", "corner_radius", "shape_offset", "shape_angle")
     )
     ZERO, ONE, EPS = wp.float64(0.0), wp.float64(1.0), wp.float64(LEAST)
-    disc, ellipse, capsule, rectangle = (
-        make_round_support(kind, wp.float64) for kind in (DISC, ELLIPSE, CAPSULE, RECTANGLE)
+    disc, ellipse, capsule, rectangle, ring = (
+        make_round_support(kind, wp.float64) for kind in (DISC, ELLIPSE, CAPSULE, RECTANGLE, RING)
     )
     where, where_block = (make_distance(kind, DISC, wp.float64).flat for kind in (CAPSULE, RECTANGLE))
     core = make_core(wp.float64)
@@ -94,6 +94,8 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
             size = contact.size(t, k, t.pair_a[pair])
             ha = rectangle(size, pa, n)
             flat = where_block(size, pa, pb)
+        elif t.pair_kind[pair] == HOLLOW:
+            ha = ring(ra, pa, n)
         else:
             ha = support(ra, pa, n, t.pair_ends[2 * pair])
         delta = V2(pb[0] - pa[0], pb[1] - pa[1])
@@ -210,6 +212,8 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
             b = of.of_rectangle(c, across, by)
             add2(t, w, RADIUS, shape, V2(b[0], b[1]))
             add(t, w, CORNER, shape, b[2])
+        elif kind == HOLLOW:
+            add(t, w, RADIUS, 2 * shape, -by[0])
         elif disc == 1 or end != 0 or kind == LONG:
             add(t, w, RADIUS, 2 * shape, by[0])
             if kind == LONG and flat == 0:

@@ -73,6 +73,8 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
     for i, shape in enumerate(s.shapes):
         if shape.kind == "disc":
             radius[:, i] = radius[:, i, :1] if base["radius"][i, 0] > 0.0 else 0.0
+        elif shape.kind == "ring":
+            radius[:, i] = u(0.3, 2.5, 1)
     cosine = u(-np.pi, np.pi, nb)
     most = 4.0 if getattr(scene, "implicit_damping", True) else 0.0  # of c h / m, decades
     stiff = mass[:, [b for b in s.dof_body]] / h[:, None] * decades(rng, -1, most, n, nv)

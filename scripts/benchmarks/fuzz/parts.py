@@ -18,7 +18,9 @@
 - bounce-derivatives: derivatives of these;
 - rotors: one to four steps of mechanisms with armature at half of their joints;
 - tendons: one to four steps of mechanisms with tendons, some with rectangles or restitution;
-- tendon-derivatives: derivatives of these.
+- tendon-derivatives: derivatives of these;
+- rings: mechanisms in rings and with rings on their bodies, followed for up to 20 steps;
+- ring-derivatives: derivatives of these.
 """
 
 from collections.abc import Callable
@@ -37,6 +39,7 @@ from .structures import (
     random_auto,
     random_blocks,
     random_bouncers,
+    random_rings,
     random_scene,
     random_tendons,
 )
@@ -131,4 +134,6 @@ PARTS = {
     "rotors": Part((99, 10), rotor_scene, steps=(1, 4)),
     "tendons": Part((99, 15), random_tendons, steps=(1, 4)),
     "tendon-derivatives": Part((99, 16), random_tendons, strategies=("generic",), differentiated=True),
+    "rings": Part((99, 17), random_rings, steps=(1, 20)),
+    "ring-derivatives": Part((99, 18), random_rings, strategies=("generic",), differentiated=True),
 }

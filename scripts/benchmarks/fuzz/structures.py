@@ -70,6 +70,27 @@ def random_blocks(rng: Rng, name: str, size: Size = Size()) -> Scene:
             return out
 
 
+def random_rings(rng: Rng, name: str, size: Size = Size()) -> Scene:
+    """A scene with rings in place of its half-planes and of some of its discs, around what is no ellipse;
+    with rectangles or with restitution in a quarter of the draws each.
+    """
+    while True:
+        kind = rng.random()
+        draw = random_blocks if kind < 0.25 else random_bouncers if kind < 0.5 else random_scene
+        scene = draw(rng, name, size)
+        rings = {
+            s.name for s in scene.shapes if s.kind == "halfplane" or (s.kind == "disc" and rng.random() < 0.2)
+        }
+        shapes = tuple(
+            dataclasses.replace(s, kind="ring", radius=1.0) if s.name in rings
+            else dataclasses.replace(s, kind="disc", radius=0.2) if s.kind == "ellipse" else s
+            for s in scene.shapes
+        )  # fmt: skip
+        contacts = tuple(c for c in scene.all_contacts if len({c.shape_a, c.shape_b} & rings) < 2)
+        if any({c.shape_a, c.shape_b} & rings for c in contacts):
+            return dataclasses.replace(scene, shapes=shapes, contacts=contacts)
+
+
 def random_bouncers(rng: Rng, name: str, size: Size = Size()) -> Scene:
     """A scene, half of whose contacts have a coefficient of restitution, one of them at least; with
     rectangles in half of the draws.

@@ -3,6 +3,7 @@
 d = max over unit n of n.(c_B - c_A) - h_A(n) - h_B(-n), h the support function. Between discs, capsules and
 half-planes the maximiser is elementary; with an ellipse it is sought in DIRECTIONS all round, the best peaks
 are bisected, and the largest is taken. Where two differ by less than a rounding either may be the normal.
+What is in a ring is as far from it as its radius is longer than the way to the far side of a disc.
 """
 
 from dataclasses import dataclass
@@ -79,7 +80,7 @@ def place(m: Mechanics, frames: list[Frame], shape: int, end: int) -> Placed:
     elif end:
         offset = offset + end * half[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
         kind = "disc"
-    elif kind == "disc":
+    elif kind in ("disc", "ring"):
         half = radius
     worlds = len(frames[0].at)
     if body < 0:
@@ -159,6 +160,14 @@ def _outside(a: Placed, b: Placed) -> tuple[Array, Array]:
     return turn(a.angle, n), np.where(out, length, -depth.min(-1)) - a.corner - b.a
 
 
+def _around(ring: Placed, disc: Placed) -> tuple[Array, Array, Array, Array]:
+    """Unit normal from a ring to a disc in it, distance, and the points where they are nearest."""
+    out = disc.at - ring.at
+    length = np.linalg.norm(out, axis=-1)
+    away = np.where(length[:, None] > 0.0, out / np.where(length > 0.0, length, 1.0)[:, None], [-1.0, 0.0])
+    return -away, ring.a - length - disc.a, ring.at + ring.a[:, None] * away, disc.at + disc.a[:, None] * away
+
+
 def touch(a: Placed, b: Placed, directions: int = DIRECTIONS, choice: int = 0) -> tuple[Array, ...]:
     """Of a pair: normal (B, 2), gap, points on A and B (B, 2), margin of the maximum, radius of turning.
 
@@ -174,6 +183,12 @@ def touch(a: Placed, b: Placed, directions: int = DIRECTIONS, choice: int = 0) -
         foot = point - gap[:, None] * out
         pa, pb = (foot, point) if side > 0.0 else (point, foot)
         return side * out, gap, pa, pb, infinite, infinite
+    if "ring" in (a.kind, b.kind):
+        first, second = (a, b) if a.kind == "ring" else (b, a)
+        n, gap, outer, inner = _around(first, second)
+        radius = np.linalg.norm(b.at - a.at, axis=-1)
+        return (n, gap, outer, inner, infinite, radius) if first is a else (
+            -n, gap, inner, outer, infinite, radius)  # fmt: skip
     if "ellipse" not in (a.kind, b.kind):
         n, gap = nearest(a, b)
         first, second = (side.corner if side.kind == "rectangle" else side.a for side in (a, b))

@@ -158,6 +158,7 @@ function outline(c, shape) {
   if (shape.kind === "halfplane") c.rect(-60, -60, 60, 120);
   else if (shape.kind === "capsule") { c.arc(b, 0, a, -Math.PI / 2, Math.PI / 2); c.arc(-b, 0, a, Math.PI / 2, 1.5 * Math.PI); c.closePath(); }
   else if (shape.kind === "rectangle") c.roundRect(-a, -b, 2 * a, 2 * b, corner);
+  else if (shape.kind === "ring") { c.arc(0, 0, a, 0, 2 * Math.PI); c.arc(0, 0, 1.06 * a, 2 * Math.PI, 0, true); c.closePath(); }
   else { c.ellipse(0, 0, Math.max(a, 0.008), Math.max(b, 0.008), 0, 0, 2 * Math.PI); c.moveTo(-a, 0); c.lineTo(a, 0); }
 }
 function line(c, points) {

@@ -10,6 +10,7 @@ from .motion import Motion
 
 EXTENT = 100.0  # half-planes are drawn this wide
 POINT = 0.008  # points are drawn with this radius [m]
+RIM = 0.06  # of a ring is drawn as wide [its radius]
 HULL = 3  # discs of a body from which its outline is drawn
 
 
@@ -148,6 +149,10 @@ def outline(kind: str, size: np.ndarray, plane: float) -> np.ndarray:
         first = core + size[2] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         mirrored = first[::-1] * [-1.0, 1.0]
         return np.concatenate([first, mirrored, -first, -mirrored])
+    if kind == "ring":
+        turn = np.linspace(0.0, 2.0 * np.pi, 97)
+        inside = size[0] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        return np.concatenate([inside, (1.0 + RIM) * inside[::-1]])
     size = np.maximum(size, POINT)
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     return np.stack([size[0] * np.cos(turn), size[1] * np.sin(turn)], axis=1)
