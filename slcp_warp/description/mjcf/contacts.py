@@ -2,24 +2,26 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..auto_contacts import AUTO, MOST_PAIRS, auto_contacts
 from ..parts import Body, Contact, Shape
-from .plane import FLAT, MjcfError, Plane, named
+from .names import named
+from .plane import FLAT, MjcfError, Place, Plane
 from .refused import is_disabled
 
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 BITS = 2**31 - 1  # of contype and conaffinity that ours have; whether they say the same is looked at
-Place = dict[int, tuple[str | None, float, np.ndarray]]
+Places = Mapping[int, Place]
 
 
 def read_contacts(
     m: Any,
     plane: Plane,
-    place: Place,
+    place: Places,
     depth: dict[int, float],
     bodies: tuple[Body, ...],
     corner_radius: float = 0.0,
@@ -31,8 +33,8 @@ def read_contacts(
         depth: of every body along the plane's normal. Geoms at different ones touch planes alone.
         corner_radius: of boxes [m].
     """
-    pairs = _pairs(m, place)
-    at = [depth[int(m.geom_bodyid[g])] + plane.depth(m.geom_pos[g]) for g in range(m.ngeom)]
+    at = [depth[b] + place[b].side * plane.depth(m.geom_pos[g]) for g, b in enumerate(m.geom_bodyid.tolist())]
+    pairs = [pair for pair in _pairs(m, place) if not _never_touch(m, plane, place, at, pair[0], pair[1])]
     shapes: dict[int, list[Shape]] = {}
     for geom in sorted({g for a, b, _ in pairs for g in (a, b)}):
         shapes[geom] = _shapes(m, plane, place, geom, corner_radius)
@@ -62,10 +64,51 @@ def read_contacts(
     return {"shapes": tuple(s for group in shapes.values() for s in group), "contacts": tuple(contacts)}
 
 
-def _excluded(m: Any, place: Place) -> tuple[tuple[str, str], ...]:
+def _never_touch(m: Any, plane: Plane, place: Places, at: Sequence[float], a: int, b: int) -> bool:
+    """Whether two geoms never touch: two planes, or a wall along the plane of motion and what is beside it.
+
+    Args:
+        at: where every geom is along the normal.
+    """
+    kinds = [_kind(m, geom) for geom in (a, b)]
+    if kinds == ["plane", "plane"]:
+        return True
+    if kinds[1] == "plane":
+        a, b = b, a
+    along = _along(m, plane, place, a)[2]
+    if "plane" not in kinds or abs(along) < 1.0 - FLAT:
+        return False
+    gap = along * (at[b] - at[a]) - _reach(m, b, np.abs(_along(m, plane, place, b)))
+    if gap <= 0.0:
+        raise MjcfError(
+            f"geoms {_name(m, a)!r} and {_name(m, b)!r}: the first is a wall along the plane {plane.name}, "
+            f"{abs(gap):g} m of the other are in it; only what is beside it is supported; exclude the pair"
+        )
+    return True
+
+
+def _along(m: Any, plane: Plane, place: Places, geom: int) -> np.ndarray:
+    """Components of a geom's axes along the normal, (3,)."""
+    side = place[int(m.geom_bodyid[geom])].side
+    return np.asarray(side * plane.normal @ plane.matrix(m.geom_quat[geom]))
+
+
+def _reach(m: Any, geom: int, along: np.ndarray) -> float:
+    """How far a geom reaches along the normal from its centre, by its axes' components there."""
+    kind, size = _kind(m, geom), m.geom_size[geom]
+    if kind in ("sphere", "capsule"):
+        return float(size[0] + size[1] * along[2] * (kind == "capsule"))
+    if kind == "ellipsoid":
+        return float(np.linalg.norm(size * along))
+    if kind == "box":
+        return float(size @ along)
+    return float(m.geom_rbound[geom])
+
+
+def _excluded(m: Any, place: Places) -> tuple[tuple[str, str], ...]:
     """Our bodies of the pairs that are excluded; welded ones stand for what holds them."""
     ends = [divmod(int(signature), 1 << 16) for signature in m.exclude_signature]
-    names = [(place[a][0], place[b][0]) for a, b in ends]
+    names = [(place[a].holder, place[b].holder) for a, b in ends]
     return tuple((a, b) for a, b in names if a is not None and b is not None and a != b)
 
 
@@ -77,7 +120,7 @@ def _name(m: Any, geom: int) -> str:
     return named(m, "geom", geom)
 
 
-def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
+def _pairs(m: Any, place: Places) -> list[tuple[int, int, float | None]]:
     """(geom, geom, friction or None) by MuJoCo's rules: flags, bits, parents, excludes, explicit pairs."""
     if is_disabled(m, "CONTACT") or is_disabled(m, "CONSTRAINT"):
         return []
@@ -92,9 +135,9 @@ def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
             )
         out.append((a, b, float(sliding[0]) if m.pair_dim[i] > 1 else None))
     explicit = {frozenset(p[:2]) for p in out}
-    names = {name: i for i, name in enumerate({place[b][0] for b in range(m.nbody)})}
+    names = {name: i for i, name in enumerate({place[b].holder for b in range(m.nbody)})}
     body = np.asarray(m.geom_bodyid, np.int64)
-    holder = np.array([names[place[b][0]] for b in range(m.nbody)])[body]
+    holder = np.array([names[place[b].holder] for b in range(m.nbody)])[body]
     weld = np.asarray(m.body_weldid)[body]
     above = np.asarray(m.body_weldid)[np.asarray(m.body_parentid)[weld]]
     for a in range(m.ngeom):
@@ -124,20 +167,18 @@ def _friction(m: Any, a: int, b: int) -> float | None:
     return float(mu) if dim > 1 else None
 
 
-def _shapes(m: Any, plane: Plane, place: Place, geom: int, corner_radius: float) -> list[Shape]:
+def _shapes(m: Any, plane: Plane, place: Places, geom: int, corner_radius: float) -> list[Shape]:
     kind, name = _kind(m, geom), _name(m, geom)
     label = f"geom {name!r}"
-    holder, turn, origin = place[int(m.geom_bodyid[geom])]
+    at = place[int(m.geom_bodyid[geom])]
     axes = plane.matrix(m.geom_quat[geom])
     size = [float(x) for x in m.geom_size[geom]]
-    local = plane.point(m.geom_pos[geom])
-    c, s = math.cos(turn), math.sin(turn)
-    centre = origin + np.array([c * local[0] - s * local[1], s * local[0] + c * local[1]])
+    centre = at.point(plane.point(m.geom_pos[geom]))
     offset = (float(centre[0]), float(centre[1]))
 
     def angle(axis: int) -> float:
-        x, y = plane.vector(axes[:, axis], label)
-        return math.atan2(y, x) + turn
+        x, y = at.axes @ plane.vector(axes[:, axis], label)
+        return math.atan2(y, x)
 
     def normal_axis() -> int:
         along = np.abs(plane.normal @ axes)
@@ -146,21 +187,21 @@ def _shapes(m: Any, plane: Plane, place: Place, geom: int, corner_radius: float)
         return int(along.argmax())
 
     if kind == "plane":
-        return [Shape(name, holder, "halfplane", offset=offset, angle=angle(2))]
+        return [Shape(name, at.holder, "halfplane", offset=offset, angle=angle(2))]
     if kind == "sphere":
-        return [Shape(name, holder, "disc", size[0], offset)]
+        return [Shape(name, at.holder, "disc", size[0], offset)]
     if kind in ("capsule", "cylinder") and abs(float(plane.normal @ axes[:, 2])) > 1.0 - FLAT:
-        return [Shape(name, holder, "disc", size[0], offset)]
+        return [Shape(name, at.holder, "disc", size[0], offset)]
     if kind == "capsule":
-        return [Shape(name, holder, "capsule", (size[0], size[1]), offset, angle(2))]
+        return [Shape(name, at.holder, "capsule", (size[0], size[1]), offset, angle(2))]
     if kind == "ellipsoid":
         first, second = (axis for axis in range(3) if axis != normal_axis())
-        return [Shape(name, holder, "ellipse", (size[first], size[second]), offset, angle(first))]
+        return [Shape(name, at.holder, "ellipse", (size[first], size[second]), offset, angle(first))]
     if kind == "box":
         first, second = (axis for axis in range(3) if axis != normal_axis())
         if corner_radius > min(size[first], size[second]):
             raise MjcfError(f"{label}: corner_radius is {corner_radius}; at most half of its shorter side is "
                             f"needed, {min(size[first], size[second])}")  # fmt: skip
         half = (size[first], size[second])
-        return [Shape(name, holder, "rectangle", half, offset, angle(first), corner_radius=corner_radius)]
+        return [Shape(name, at.holder, "rectangle", half, offset, angle(first), corner_radius=corner_radius)]
     raise MjcfError(f"{label}: a {kind} is not supported; use sphere, capsule, ellipsoid, box or plane")

@@ -14,6 +14,16 @@ from .plane import MjcfError
 JOINT, TENDON = "joint", "tendon"
 
 
+@dataclass(frozen=True)
+class Coordinate:
+    """What a joint of MuJoCo's is here: a degree of freedom of a body, of either sense, and its name."""
+
+    body: str
+    dof: int
+    sense: float
+    name: str
+
+
 @dataclass
 class Servo:
     """What the actuators of a joint or tendon do to it by themselves, in MuJoCo's sense of turning: a push at

@@ -1,6 +1,7 @@
 """The plane of motion of a MuJoCo model: coordinates in it, and errors for what leaves it."""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,20 +30,6 @@ def plane_of(m: Any) -> str:
         return "xy" if (np.abs(np.abs(axes[hinges, 2]) - 1.0) < FLAT).all() else "xz"
     flat = len(axes) > 0 and (np.abs(axes[:, 2]) < FLAT).all() and (np.abs(axes[:, 1]) > FLAT).any()
     return "xy" if flat else "xz"
-
-
-def named(m: Any, kind: str, i: int) -> str:
-    """The name of a MuJoCo body, geom or tendon; without one its kind and number, as no other is called."""
-    import mujoco
-
-    kinds = mujoco.mjtObj
-    objects = {"body": kinds.mjOBJ_BODY, "geom": kinds.mjOBJ_GEOM, "tendon": kinds.mjOBJ_TENDON}
-    if name := getattr(m, kind)(i).name:
-        return str(name)
-    out = f"{kind}{i}"
-    while mujoco.mj_name2id(m, int(objects[kind]), out) >= 0:
-        out += "_"
-    return out
 
 
 class Plane:
@@ -87,10 +74,41 @@ class Plane:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ])  # fmt: skip
 
-    def turn(self, quaternion: Any, label: str) -> float:
-        """Angle of a rotation about the normal, counter-clockwise in the plane."""
+    def frame(self, quaternion: Any, label: str) -> np.ndarray:
+        """A rotation as it is seen along the normal, (2, 2): a turn, or where it takes the normal to its
+        opposite a mirror image, of determinant -1.
+        """
         matrix = self.matrix(quaternion)
-        if not np.allclose(matrix @ self.normal, self.normal, atol=FLAT):
+        if not np.allclose(np.abs(matrix @ self.normal), np.abs(self.normal), atol=FLAT):
             raise MjcfError(f"{label}: it is turned out of the plane {self.name}")
-        first, second = matrix[self.axes, self.axes[0]]
-        return math.atan2(second, first)
+        return matrix[np.ix_(self.axes, self.axes)]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a MuJoCo body is: in the frame of which body of ours (None: the world), and how it lies there, by
+    its axes (2, 2), which may be mirrored, and its origin (2,).
+    """
+
+    holder: str | None
+    axes: np.ndarray
+    origin: np.ndarray
+
+    def point(self, x: np.ndarray) -> np.ndarray:
+        """A point of the MuJoCo body in our body's frame."""
+        return self.origin + self.axes @ x
+
+    @property
+    def side(self) -> float:
+        """-1 where the body is mirrored, else 1."""
+        return side_of(self.axes)
+
+
+def side_of(axes: np.ndarray) -> float:
+    """-1 for axes (2, 2) that are mirrored, else 1."""
+    return math.copysign(1.0, float(np.linalg.det(axes)))
+
+
+def angle_of(axes: np.ndarray) -> float:
+    """The direction of the first of two axes [rad]."""
+    return math.atan2(float(axes[1, 0]), float(axes[0, 0]))

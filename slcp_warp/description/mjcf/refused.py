@@ -12,7 +12,8 @@ from .plane import MjcfError
 
 FLAGS = ("LIMIT", "SPRING", "DAMPER", "ACTUATION")
 TENDONS = "tendons"
-COUNTS = {"neq": "equality constraints", "nflex": "flexes", "nplugin": "plugins"}
+EQUALITIES = "equality constraints"
+COUNTS = {"nflex": "flexes", "nplugin": "plugins"}
 MEDIUM = ("density", "viscosity")  # of what bodies move in: drag
 # fields that are zero where nothing of the kind acts, by the element that they belong to
 FIELDS = {
@@ -36,6 +37,7 @@ FIELDS = {
 
 WORDS = (
     *COUNTS.values(),
+    EQUALITIES,
     TENDONS,
     *MEDIUM,
     *dict.fromkeys(w for fields in FIELDS.values() for w in fields.values()),

@@ -2,25 +2,16 @@
 damper and what servos on them add.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ..names import DOFS
-from ..parts import Body, Tendon
-from .motors import TENDON, Servo
-from .plane import MjcfError, named
+from ..parts import Tendon
+from .motors import TENDON, Coordinate, Servo
+from .names import named
+from .plane import MjcfError
 from .refused import HINT
-
-
-def name_of(m: Any, i: int) -> str:
-    """The name of tendon i here, where it may not be a body's."""
-    name = named(m, "tendon", i).replace("#", "_")
-    bodies = {named(m, "body", b) for b in range(m.nbody)}
-    while name in bodies:
-        name += "_tendon"
-    return name
 
 
 def joints_of(m: Any, i: int) -> dict[int, float]:
@@ -46,27 +37,26 @@ def joints_of(m: Any, i: int) -> dict[int, float]:
 
 def read_tendons(
     m: Any,
-    bodies: tuple[Body, ...],
-    dof_of_joint: Mapping[int, tuple[str, int, float]],
+    names: Sequence[str],
+    coordinates: Mapping[int, Coordinate],
     servos: Mapping[tuple[str, int], Servo],
 ) -> tuple[Tendon, ...]:
     """The tendons of the model.
 
     Args:
-        dof_of_joint: body, place and sense of every joint.
+        names: theirs, here.
+        coordinates: ours of every joint.
         servos: what actuators do by themselves.
 
     Raises:
         MjcfError: one that is not fixed, or with what has no counterpart.
     """
-    words = {body.name: DOFS[body.joint] for body in bodies}
     out = []
-    for i in range(m.ntendon):
-        name, servo, offset = name_of(m, i), servos.get((TENDON, i), Servo()), 0.0
+    for i, name in enumerate(names):
+        servo, offset = servos.get((TENDON, i), Servo()), 0.0
         parts = []
         for joint, coefficient in joints_of(m, i).items():
-            body, place, sense = dof_of_joint[joint]
-            parts.append((f"{body}.{words[body][place]}", coefficient * sense))
+            parts.append((coordinates[joint].name, coefficient * coordinates[joint].sense))
             offset += coefficient * float(m.qpos0[m.jnt_qposadr[joint]])
         own = float(m.tendon_stiffness[i])
         low, high = (float(x) for x in m.tendon_lengthspring[i])
@@ -84,9 +74,9 @@ def read_tendons(
         if servo.armature:
             raise MjcfError(f"tendon {name!r}: its actuators have an armature; only joints' are supported")
         length = pull / stiffness if stiffness != 0.0 else 0.0
-        coordinates, coefficients = zip(*parts)
+        along, coefficients = zip(*parts)
         out.append(
-            Tendon(name, coordinates, coefficients, stiffness, float(m.tendon_damping[i]) + servo.damping,
+            Tendon(name, along, coefficients, stiffness, float(m.tendon_damping[i]) + servo.damping,
                    length - offset if stiffness != 0.0 else 0.0)
         )  # fmt: skip
     return tuple(out)

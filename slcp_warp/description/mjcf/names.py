@@ -1,0 +1,47 @@
+"""Names of a MuJoCo model's elements, and of what becomes of them here, for `reader.py`."""
+
+from typing import Any
+
+from ..names import UNITS
+
+
+def named(m: Any, kind: str, i: int) -> str:
+    """The name of a MuJoCo body, geom, joint, tendon or equality constraint; without one its kind and number,
+    as no other is called.
+    """
+    import mujoco
+
+    kinds = mujoco.mjtObj
+    objects = {
+        "body": kinds.mjOBJ_BODY, "geom": kinds.mjOBJ_GEOM, "joint": kinds.mjOBJ_JOINT,
+        "tendon": kinds.mjOBJ_TENDON, "equality": kinds.mjOBJ_EQUALITY,
+    }  # fmt: skip
+    if name := getattr(m, kind)(i).name:
+        return str(name)
+    out = f"{kind}{i}"
+    while mujoco.mj_name2id(m, int(objects[kind]), out) >= 0:
+        out += "_"
+    return out
+
+
+class Names:
+    """Names that parts get here, where bodies, coordinates and tendons may not be called alike: what would be
+    called as another part has its kind behind its name, `tip_tendon`.
+    """
+
+    def __init__(self, m: Any) -> None:
+        self.m = m
+        self.bodies = {named(m, "body", b) for b in range(m.nbody)}
+        self.tendons: set[str] = set()
+
+    def tendon(self, kind: str, i: int) -> str:
+        """The name of what becomes a tendon here, a "tendon" or an "equality"."""
+        name = named(self.m, kind, i).replace("#", "_")
+        while name in self.bodies | self.tendons or self._is_coordinate(name):
+            name += f"_{kind}"
+        self.tendons.add(name)
+        return name
+
+    def _is_coordinate(self, name: str) -> bool:
+        body, _, word = name.rpartition(".")
+        return body in self.bodies and word in UNITS
