@@ -9,6 +9,7 @@ from .storage.installed import require_installed
 require_installed(__name__, __path__[0])
 
 from . import costs, measures, policies, runs, scenes, tasks
+from .description.brakes import brake
 from .description.mjcf import MjcfError, load_mjcf, mjcf_control_limits
 from .description.parts import Actuator, Body, Contact, Shape, Spring, Tendon, box, touching
 from .description.ropes import rope
@@ -94,6 +95,7 @@ __all__ = [
     "Uniform",
     "Worlds",
     "box",
+    "brake",
     "compare_sequentially",
     "costs",
     "draw_worlds",
