@@ -4,6 +4,8 @@ import inspect
 from dataclasses import dataclass
 from typing import Any
 
+from slcp_warp.kernels.structure import WALLS
+
 from ..inputs.errors import SceneError
 from ..storage.tables import place, table
 from .parts import Shape, box
@@ -86,7 +88,8 @@ def _contact(entry: Any, boxes: dict[str, tuple[Shape, ...]], others: dict[str, 
         )
     name = entry.get("shape_b" if of[0] == "shape_a" else "shape_a")
     other = others.get(name, {}) if isinstance(name, str) else {}
-    parts = [s for s in boxes[entry[of[0]]] if s.kind == "disc" or other.get("kind") != "halfplane"]
+    wall = other.get("kind") in WALLS  # touched by corners
+    parts = [s for s in boxes[entry[of[0]]] if s.kind == "disc" or not wall]
     return Several(tuple(entry | {of[0]: part.name} for part in parts))
 
 

@@ -104,6 +104,9 @@ def test_a_box_of_a_file_is_that_of_python():
     assert [c.shape_a for c in found.contacts[5:]] == [shape.name for shape in made]
     assert scene_of(scene_content(found)) == found
     assert scene_of(boxed(sides, contacts="auto", friction=0.5)).shapes[2:] == made
+    bowl = {"name": "bowl", "kind": "ring", "radius": 1.0}
+    found = scene_of(boxed(sides, bowl, contacts=[{"shape_a": "bowl", "shape_b": "crate"}]))
+    assert [c.shape_b for c in found.contacts] == [shape.name for shape in made[:4]]  # corners, not sides
 
 
 @pytest.mark.parametrize(
