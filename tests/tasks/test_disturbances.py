@@ -257,6 +257,11 @@ def test_friction_is_drawn_by_pairs_of_shapes_once_or_by_pairs_of_bodies(shared)
             "mass takes log-normal or uniform",
         ),
         (lambda: slcp.Disturbances(parameters={"gravity": slcp.Uniform(1, 2)}), "gravity takes log-normal"),
+        (
+            lambda: disturbed(parameters={"radius": slcp.Uniform(0.1, 0.2)}),
+            "is a halfplane, whose size is not one",
+        ),
+        (lambda: slcp.Disturbances(parameters={"pusher.radius": slcp.Uniform(0, 1)}), "positive numbers are"),
         (lambda: slcp.Disturbances(parameters={"com": 0.1}), "com takes normal or uniform"),
         (lambda: slcp.Disturbances(parameters={"mass": slcp.Uniform(0, 1)}), "positive numbers are needed"),
         (lambda: slcp.Disturbances(parameters={"friction": slcp.Uniform(-1, 1)}), "no negative numbers"),

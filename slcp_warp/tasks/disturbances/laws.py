@@ -20,6 +20,7 @@ from .events import Drawn
 
 FACTORS = ("gravity", "radius")  # parameters that keep their directions and shapes: factors only
 TWO_SIZES = ("ellipse", "capsule", "rectangle")
+ONE_SIZE = ("disc", "ring")
 SHARES = ("restitution",)  # in [0, 1]
 # what may be of either sign
 SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset", "tendon_length")
@@ -87,6 +88,7 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
         drawn, places = given[key], found[key]
         first = _first(scene, places, drawn.shared)
         alone = _is_one_size(scene, key, places)
+        _check_one_number(scene, key, places, drawn)
         for column in (place for place in places if place not in inert):
             laws.base[..., column] = np.asarray(base)[..., column]  # alone
             laws.put(column, drawn)
@@ -110,6 +112,21 @@ def _is_one_size(scene: Scene, key: str, places: Sequence[int]) -> bool:
                 f"Disturbances.parameters names {key!r}; {shape.name!r} is a {shape.kind}, without two sizes"
             )
     return True
+
+
+def _check_one_number(scene: Scene, key: str, places: Sequence[int], drawn: Distribution) -> None:
+    """Raise ArgumentError for sizes that take a uniform number where one does not say them."""
+    _, name, component = parameter_of(key)
+    if name != "radius" or component is not None or not isinstance(drawn, Uniform):
+        return
+    _, start, _ = column_of(scene, places[0])
+    for shape in (scene.shapes[(column - start) // 2] for column in places):
+        if shape.kind not in ONE_SIZE:
+            one = f"; one of them is '{shape.name}.radius_0'" if shape.kind in TWO_SIZES else ""
+            raise ArgumentError(
+                f"Disturbances.parameters[{key!r}] is {shown(drawn)}; {shape.name!r} is a {shape.kind}, "
+                f"whose size is not one number{one}"
+            )
 
 
 def _precision(key: str) -> tuple[bool, bool]:
@@ -166,7 +183,7 @@ def check_parameter(key: str, drawn: Distribution) -> None:
     alone = name == "radius" and parameter_of(key)[2] is not None  # one of two sizes
     kinds = {"uniform", "normal"} if name in SIGNED else set(LAWS)
     if name in FACTORS and not alone:
-        kinds = {"log-normal"}
+        kinds = {"log-normal", "uniform"} if name == "radius" else {"log-normal"}
     if name in POSITIVE or name in NONNEGATIVE:
         kinds.discard("normal")
     if name in SHARES:
@@ -179,7 +196,7 @@ def check_parameter(key: str, drawn: Distribution) -> None:
         need = " or ".join(sorted(kinds - {"none"}))
         raise ArgumentError(f"{label} is {shown(drawn)}; {name} takes {need}")
     if isinstance(drawn, Uniform):
-        above = name in POSITIVE or alone
+        above = name in POSITIVE or name == "radius"
         low = drawn.low <= 0.0 if above else name in NONNEGATIVE and drawn.low < 0.0
         if low:
             sign = "positive" if above else "no negative"

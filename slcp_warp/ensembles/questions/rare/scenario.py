@@ -51,10 +51,10 @@ def _parameters(task: Task, numbers: Numbers, row: np.ndarray) -> dict[str, LogN
     for c in np.flatnonzero(numbers.tables["params"].law):
         key = laws.key_of(task.scene, int(c))
         name, value, base = parameter_of(key)[1], float(row[c]), float(origin[c])
-        if name in laws.FACTORS and base == 0.0:
+        if name in laws.FACTORS and base == value == 0.0:
             continue
         own = (*laws.SIGNED, *laws.SHARES)  # numbers, not factors
-        factor = name in laws.FACTORS or (name not in own and base > 0.0)
+        factor = base != 0.0 if name in laws.FACTORS else name not in own and base > 0.0
         before = out.get(key)
         out[key] = LogNormal(0.0, median=value / base) if factor else Uniform(value, value)
         if before is not None and not np.isclose(_number(before), _number(out[key]), rtol=1e-9, atol=0.0):
