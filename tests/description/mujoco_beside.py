@@ -44,5 +44,7 @@ def compare(scene, model, turn, count=20, spread=0.5):
             turn @ (data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator),
         )
         ours = oracle.mass_matrix(turn @ q), oracle.force(turn @ q, turn @ v, u)
-        worst = np.maximum(worst, [np.abs(a - b).max() / np.abs(b).max() for a, b in zip(ours, theirs)])
+        worst = np.maximum(
+            worst, [np.abs(a - b).max() / (np.abs(b).max() or 1.0) for a, b in zip(ours, theirs)]
+        )
     return worst

@@ -22,8 +22,15 @@ class AtRest:
         mujoco.mj_kinematics(self.m, data)
         mujoco.mj_comPos(self.m, data)
         getattr(mujoco, "mj_makeM", mujoco.mj_crb)(self.m, data)
-        mujoco.mj_factorM(self.m, data)
         return data
+
+    @functools.cached_property
+    def factored(self) -> Any:
+        """The same, with its mass matrix factored."""
+        import mujoco
+
+        mujoco.mj_factorM(self.m, self.data)
+        return self.data
 
     def mobility(self, rows: Sequence[np.ndarray]) -> np.ndarray:
         """J M^-1 J' of the rows of J, each (nv,)."""
@@ -31,8 +38,22 @@ class AtRest:
 
         jacobian = np.ascontiguousarray(rows, float)
         moved = np.zeros_like(jacobian)
-        mujoco.mj_solveM(self.m, self.data, moved, jacobian)
+        mujoco.mj_solveM(self.m, self.factored, moved, jacobian)
         return jacobian @ moved.T
+
+    def independence(self, body: int) -> float:
+        """How far the joints of a body are from moving it alike: the least eigenvalue of their masses, with
+        ones on the diagonal. 1: in ways of their own, 0: one of them in the way of others.
+        """
+        import mujoco
+
+        first, count = int(self.m.body_dofadr[body]), int(self.m.body_dofnum[body])
+        columns = np.zeros((count, self.m.nv))
+        for column, unit in zip(columns, np.eye(self.m.nv)[first : first + count]):
+            mujoco.mj_mulM(self.m, self.data, column, unit)
+        masses = columns[:, first : first + count]
+        scale = np.sqrt(np.diag(masses))
+        return float(np.linalg.eigvalsh(masses / np.outer(scale, scale))[0])
 
 
 def start_of(m: Any) -> tuple[np.ndarray, np.ndarray]:

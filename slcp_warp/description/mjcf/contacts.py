@@ -24,6 +24,7 @@ def read_contacts(
     place: Places,
     depth: dict[int, float],
     bodies: tuple[Body, ...],
+    apart: Sequence[tuple[str, str]],
     corner_radius: float = 0.0,
 ) -> dict[str, Any]:
     """Fields of the scene: shapes that may touch, and the pairs of them that MuJoCo's filters leave; "auto",
@@ -31,6 +32,7 @@ def read_contacts(
 
     Args:
         depth: of every body along the plane's normal. Geoms at different ones touch planes alone.
+        apart: pairs of bodies that several joints tie to each other.
         corner_radius: of boxes [m].
     """
     at = [depth[b] + place[b].side * plane.depth(m.geom_pos[g]) for g, b in enumerate(m.geom_bodyid.tolist())]
@@ -58,7 +60,8 @@ def read_contacts(
         for g in shapes
     }  # fmt: skip
     named = tuple(dataclasses.replace(s, **bits[g]) for g, group in shapes.items() for s in group)
-    excluded = _excluded(m, place)
+    with_parents = is_disabled(m, "FILTERPARENT")
+    excluded = tuple(dict.fromkeys(_excluded(m, place) + (() if with_parents else tuple(apart))))
     if contacts and auto_contacts(bodies, named, None, excluded) == tuple(contacts):
         return {"shapes": named, "contacts": AUTO, "excluded": excluded}
     return {"shapes": tuple(s for group in shapes.values() for s in group), "contacts": tuple(contacts)}

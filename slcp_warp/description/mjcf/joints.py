@@ -1,4 +1,8 @@
-"""Joints of a MuJoCo model, for `reader.py`: those of a body as one joint here, or as a chain of them."""
+"""Joints of a MuJoCo model, for `reader.py`: those of a body as one joint here, or as a chain of them.
+
+A body here has one joint. Where MuJoCo's has several, the outer ones are joints of bodies of their own, whose
+masses are nothing beside its own.
+"""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -40,7 +44,7 @@ class Joints:
     ) -> None:
         self.m, self.plane, self.servos, self.tied = m, plane, servos, tied
 
-    def links(self, b: int, axes: np.ndarray, label: str) -> list[Link]:
+    def links(self, b: int, axes: np.ndarray) -> list[Link]:
         """The joints of a body, the outer ones first.
 
         Args:
@@ -56,13 +60,8 @@ class Joints:
             if kind not in HERE:
                 raise MjcfError(f"joint {m.joint(j).name!r}: a {kind} joint is not planar; "
                                 "use slide, slide and hinge joints")  # fmt: skip
-        if kinds == ["slide", "slide", "hinge"]:
-            return [self._free(joints, axes, label)]
-        if len(joints) > 1:
-            raise MjcfError(
-                f"{label}: joints {kinds}; one hinge, one slide, or slide, slide, hinge are supported"
-            )
-        return [self._single(j, kind, axes) for j, kind in zip(joints, kinds)]
+        free = self._free(joints, axes) if kinds == ["slide", "slide", "hinge"] else None
+        return [free] if free else [self._single(j, kind, axes) for j, kind in zip(joints, kinds)]
 
     def axis(self, link: Link, axes: np.ndarray) -> tuple[float, float]:
         """The direction of a slide; `axes` are those of its MuJoCo body in our frame."""
@@ -83,18 +82,16 @@ class Joints:
             self._direction(j)
         return Link(HERE[kind], [j], [sign], np.diag([sign]), pivot)
 
-    def _free(self, joints: list[int], axes: np.ndarray, label: str) -> Link:
+    def _free(self, joints: list[int], axes: np.ndarray) -> Link | None:
         """The joints of a free body in the order of the parent's axes that its slides go along, and their
         senses; slides that are turned against these are one as the other, and nothing is said of one alone.
+        None: the slides are others.
         """
         m, hinge = self.m, self._single(joints[2], "hinge", axes)
         turn = np.diag([1.0, 1.0, *hinge.signs])
         slides = turn[:2, :2] = np.transpose([axes @ self._direction(j) for j in joints[:2]])
         if not np.allclose(slides @ slides.T, np.eye(2), atol=EXACT):
-            raise MjcfError(
-                f"{label}: its slides point along {np.round(slides.T, 6).tolist()}; a free planar body needs "
-                "two at right angles"
-            )
+            return None
         along = np.abs(slides).argmax(axis=1)  # the slide of each of our axes
         if np.allclose(np.abs(slides), np.eye(2)[along], atol=EXACT):
             signs = [float(np.sign(slides[axis, s])) for axis, s in enumerate(along)]
@@ -107,10 +104,7 @@ class Joints:
             for j in joints[:2]
         )
         if alone or not same:
-            raise MjcfError(
-                f"{label}: its slides are turned against its parent's axes; damping and armature have to be "
-                "the same for both, and limits, springs, tendons and actuators along them are not supported"
-            )
+            return None
         return Link("free", joints, [1.0, 1.0, *hinge.signs], turn, hinge.pivot)
 
     def fields(self, link: Link) -> dict[str, Any]:

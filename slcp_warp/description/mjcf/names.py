@@ -34,6 +34,18 @@ class Names:
         self.bodies = {named(m, "body", b) for b in range(m.nbody)}
         self.tendons: set[str] = set()
 
+    def body_of(self, joint: int) -> str:
+        """The name of a body here that a joint has for itself: the joint's."""
+        m = self.m
+        others = {
+            named(m, kind, i) for kind, n in (("geom", m.ngeom), ("tendon", m.ntendon)) for i in range(n)
+        }
+        name = named(m, "joint", joint)
+        while name in self.bodies | others:
+            name += "_joint"
+        self.bodies.add(name)
+        return name
+
     def tendon(self, kind: str, i: int) -> str:
         """The name of what becomes a tendon here, a "tendon" or an "equality"."""
         name = named(self.m, kind, i).replace("#", "_")

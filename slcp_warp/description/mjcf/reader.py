@@ -28,6 +28,11 @@ from .plane import MjcfError, Place, Plane, angle_of, plane_of
 from .refused import EQUALITIES, TENDONS, WORDS, is_disabled, refuse_what_is_missing
 from .tendons import joints_of, read_tendons
 
+# Mass and inertia of a body that a joint has for itself, of those of the body that it carries: less than
+# double precision sees beside them. Any from 1e-6 to 1e-30 is solved alike.
+SHARE = 1e-15
+ALIKE = 1e-9  # `AtRest.independence` of joints that move a body in the same way
+
 __all__ = ["MjcfError", "load_mjcf", "mjcf_control_limits"]
 
 
@@ -109,6 +114,7 @@ class _Reader:
         self.coordinates: dict[int, Coordinate] = {}  # of every joint
         self.depth: dict[int, float] = {0: 0.0}  # of every MuJoCo body, along the normal
         self.place: dict[int, Place] = {0: Place(None, np.eye(2), np.zeros(2))}  # of every MuJoCo body
+        self.apart: list[tuple[str, str]] = []  # bodies here that several joints tie to each other
         self.welded: dict[str, list[tuple[float, np.ndarray, float]]] = {}
         self.servos = servos(model)
         self.joints = Joints(model, plane, self.servos, self._tied())
@@ -127,7 +133,7 @@ class _Reader:
     def scene(self, name: str) -> Scene:
         """The scene of the model."""
         drafts = [draft for b in range(1, self.m.nbody) for draft in self._body(b)]
-        bodies = tuple(self._with_mass(draft) for draft in drafts)
+        bodies = self._with_masses(drafts)
         if not bodies:
             raise MjcfError("the model has no joint; a scene needs a body that moves")
         m = self.m
@@ -139,7 +145,7 @@ class _Reader:
         return Scene(
             name=name,
             bodies=bodies,
-            **read_contacts(self.m, self.plane, self.place, self.depth, bodies, self.corner_radius),
+            **read_contacts(m, self.plane, self.place, self.depth, bodies, self.apart, self.corner_radius),
             actuators=tuple(self._actuator(i) for i in range(m.nu)),
             tendons=tendons,
             gravity=(0.0, 0.0) if is_disabled(m, "GRAVITY") else self._gravity(),
@@ -179,11 +185,16 @@ class _Reader:
             if at.holder is not None:
                 self.welded.setdefault(at.holder, []).append((mass, at.point(com), inertia))
             return []
-        drafts = []
-        for link in self.joints.links(b, axes, label):
-            draft, at = self._link(link, at, name)
-            drafts.append(draft)
+        drafts, links = [], self.joints.links(b, axes)
+        if len(links) > 1 and self.at_rest.independence(b) < ALIKE:
+            raise MjcfError(f"{label}: its {len(links)} joints move it alike; none may move it as others do")
+        for link in links:
+            own = name if link is links[-1] else self.names.body_of(link.joints[0])
+            draft, at = self._link(link, at, own)
+            drafts.append(draft | {"carried": name})
         self.place[b] = at
+        if len(links) > 1 and above.holder is not None:
+            self.apart.append((above.holder, name))
         drafts[-1]["parts"] = [(mass, at.point(com), inertia)]
         return drafts
 
@@ -218,15 +229,26 @@ class _Reader:
         inertia = float(along**2 @ m.body_inertia[b])
         return float(m.body_mass[b]), inertia, self.plane.point(m.body_ipos[b])
 
-    def _with_mass(self, draft: dict[str, Any]) -> Body:
-        """The body with the masses welded to it."""
-        parts = draft.pop("parts") + self.welded.get(draft["name"], [])
+    def _with_masses(self, drafts: list[dict[str, Any]]) -> tuple[Body, ...]:
+        """The bodies with the masses welded to them; those that joints have for themselves weigh nothing."""
+        out: dict[str, Body] = {}
+        for draft in reversed(drafts):
+            carried, parts = draft.pop("carried"), draft.pop("parts", [])
+            if parts:
+                masses = self._sum_of(draft["name"], parts + self.welded.get(draft["name"], []))
+            else:
+                masses = {"mass": SHARE * out[carried].mass, "inertia": SHARE * out[carried].inertia}
+            out[draft["name"]] = Body(**masses, **draft)
+        return tuple(reversed(out.values()))
+
+    def _sum_of(self, name: str, parts: list[tuple[float, np.ndarray, float]]) -> dict[str, Any]:
+        """Mass, inertia and centre of mass of what is welded together."""
         mass = sum(p[0] for p in parts)
         if mass <= 0.0:
-            raise MjcfError(f"body {draft['name']!r}: it has no mass; every body that moves needs some")
+            raise MjcfError(f"body {name!r}: it has no mass; every body that moves needs some")
         com = sum(p[0] * p[1] for p in parts) / mass
         inertia = sum(p[2] + p[0] * float((p[1] - com) @ (p[1] - com)) for p in parts)
-        return Body(mass=mass, inertia=inertia, com=tuple(com.tolist()), **draft)
+        return {"mass": mass, "inertia": inertia, "com": tuple(com.tolist())}
 
     def _actuator(self, i: int) -> Actuator:
         kind, which, push = gain_of(self.m, i)
