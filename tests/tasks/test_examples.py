@@ -75,3 +75,22 @@ def test_a_switch_is_flipped_by_starts_that_reach_it(device):
     )
     assert run.measure(task.success) and plan.cost < 50.0 < 108.0
     assert run.measure(task.measures["nearest"]) < 0.03 and run.measure(task.measures["impact"]) > 0.0
+
+
+@pytest.mark.slow
+def test_a_ball_on_a_string_is_swung_up_and_caught(device):
+    """Left alone it hangs by its weight, and stays a minimum by symmetry; a random start leads into the cup."""
+    task = slcp.load_task(FOLDER / "cup.toml")
+    sim = task.simulator(device=device)
+    run = sim.rollout(task.start[0], np.zeros((400, 2)), record="impulse")
+    string = task.scene.pair_names.index("string/knot")
+    pull = run.contact_impulse[-50:, string, 0].mean() / task.scene.step_size
+    assert run.status == 0 and pull == pytest.approx(0.05 * 9.81, rel=1e-3)
+    plan = ddp.plan(task, 4, sim=sim).best
+    run = sim.rollout(
+        task.start[0], policy=ddp.TrackingPolicy(plan), steps=task.steps, record=("controls", "impulse")
+    )
+    assert plan.cost < 2.0 and run.measure(task.success) and run.measure(task.measures["pull"]) > 0.005
+    q = run.states[:, :5]
+    reach = np.hypot(q[:, 2] - q[:, 1], q[:, 3] - q[:, 0])
+    assert reach.max() < 0.305 and q[-1, 3] > q[-1, 0]
