@@ -79,7 +79,7 @@ def test_a_switch_is_flipped_by_starts_that_reach_it(device):
 
 @pytest.mark.slow
 def test_a_ball_on_a_string_is_swung_up_and_caught(device):
-    """Left alone it hangs by its weight, and stays a minimum by symmetry; a random start leads into the cup."""
+    """Left alone it hangs by its weight, a minimum by symmetry; a random start leads into the cup."""
     task = slcp.load_task(FOLDER / "cup.toml")
     sim = task.simulator(device=device)
     run = sim.rollout(task.start[0], np.zeros((400, 2)), record="impulse")

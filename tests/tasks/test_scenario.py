@@ -187,3 +187,38 @@ def test_the_size_of_a_disc_or_ring_is_a_number_drawn():
             replace(hung, shapes=(box, *shapes[1:]), contacts=()),
             {"rope.radius": given["rope.radius"]},
         )
+
+
+def test_one_draw_of_several_names():
+    """Names in one key, by a comma, take the same random number, of the law that each of them has."""
+    scene = slcp.scenes.push_block()
+    joined = {"pusher.mass, block.mass": 0.2, "friction": 0.3, "block.com_y, block.com_x": slcp.Normal(0.1)}
+    task, numbers, world = drawn(scene, joined)
+    own, rows = slcp.Parameters(scene), table(task, 400)
+    found = own.from_table(rows)
+    factor = found["mass"] / own["mass"]
+    np.testing.assert_allclose(factor[:, 0], factor[:, 1], rtol=1e-6)
+    assert np.log(factor[:, 0]).std() == pytest.approx(0.2, rel=0.15)
+    shift = found["com"] - own["com"]
+    np.testing.assert_allclose(shift[:, 1, 0], shift[:, 1, 1], atol=1e-7)
+    assert abs(np.corrcoef(np.log(factor[:, 0]), shift[:, 1, 0])[0, 1]) < 0.15
+    np.testing.assert_allclose(table(scenario_of(task, numbers, world)), world.numpy().params, rtol=1e-6)
+    apart = own.from_table(table(drawn(scene, {"mass": 0.2})[0], 400))["mass"]
+    assert abs(np.corrcoef(np.log(apart).T)[0, 1]) < 0.15
+    for parameters, message in (
+        ({"pusher.mass, block.mass": 0.1, "block.mass": 0.2}, "has 'block.mass' twice"),
+        ({"pusher.mass,": 0.1}, "names ''"),
+        ({"pusher.mass, block.weight": 0.1}, "names 'block.weight'"),
+        ({"pusher.mass, block.com_x": 0.1}, "com takes normal or uniform"),
+    ):
+        with pytest.raises(slcp.ArgumentError, match=message):
+            drawn(scene, parameters)
+
+
+def test_a_report_tells_one_draw_as_one(tmp_path):
+    """Sensitivities and files have both numbers, which several names share."""
+    task = push(disturbances=slcp.Disturbances(parameters={"pusher.mass, block.mass": 0.2}))
+    slcp.save_task(task, tmp_path / "push.json")
+    again = slcp.load_task(tmp_path / "push.json")
+    assert again.disturbances == task.disturbances
+    np.testing.assert_array_equal(table(again, 5), table(task, 5))

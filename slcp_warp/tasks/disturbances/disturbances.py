@@ -78,7 +78,7 @@ class Disturbances:
         for name, plain in (("start", Normal), ("parameters", LogNormal), ("kicks", Normal)):
             put(self, name, self._drawn(name, plain))
         for key, drawn in self.parameters.items():
-            laws.check_parameter(key, drawn)
+            laws.check_parameters(key, drawn)
         if isinstance(self.sensor, Mapping):
             put(self, "sensor", {key: number(f"Disturbances.sensor[{key!r}]", sd, 0.0)
                                  for key, sd in self._named("sensor").items()})  # fmt: skip

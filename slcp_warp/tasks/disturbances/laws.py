@@ -1,6 +1,7 @@
 """How every number of a world is drawn: a row of columns, each with its law and its address."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,6 +80,7 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
     columns = layout(scene.structure).columns
     names, group = _parameter_names(scene, columns), _groups(columns)
     laws = still(base, group, [kernels.PARAMETER] * len(names), names)
+    given, leader = _by_name(given)
     found, inert = places_of_all(scene, given, "Disturbances.parameters"), _inert(scene)
     for key, places in found.items():
         if inert.keys() >= set(places):
@@ -87,13 +89,41 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
     for key in sorted(given, key=lambda key: (*_precision(key), -len(found[key]))):
         drawn, places = given[key], found[key]
         first = _first(scene, places, drawn.shared)
-        alone = _is_one_size(scene, key, places)
+        if leader[key] != key:
+            first = _led(scene, key, places, leader[key], found[leader[key]])
+        alone = _is_one_size(scene, leader[key], found[leader[key]])
+        _is_one_size(scene, key, places)
         _check_one_number(scene, key, places, drawn)
         for column in (place for place in places if place not in inert):
             laws.base[..., column] = np.asarray(base)[..., column]  # alone
             laws.put(column, drawn)
             laws.step[column] = first[column] if alone else group[first[column]]
     return laws
+
+
+def names_in(key: str) -> tuple[str, ...]:
+    """The names that one draw is of: "left.mass, right.mass" are two."""
+    return tuple(name.strip() for name in key.split(","))
+
+
+def _by_name(given: Mapping[str, Distribution]) -> tuple[dict[str, Distribution], dict[str, str]]:
+    """The law of every name, and whose random number it takes: that of the first of several, or its own.
+
+    Raises:
+        ArgumentError: a name that comes twice.
+    """
+    out, leader = dict[str, Distribution](), dict[str, str]()
+    for key, drawn in given.items():
+        several = names_in(key)
+        for name in several:
+            if name in out:
+                raise ArgumentError(
+                    f"Disturbances.parameters has {name!r} twice; one law of a name is needed"
+                )
+            out[name], leader[name] = drawn, several[0]
+            if len(several) > 1 and drawn.shared is not True:
+                out[name] = replace(drawn, shared=True)
+    return out, leader
 
 
 def _is_one_size(scene: Scene, key: str, places: Sequence[int]) -> bool:
@@ -147,6 +177,20 @@ def _first(scene: Scene, places: Sequence[int], shared: bool | str) -> dict[int,
     return {column: found.setdefault(owner[column], column) for column in places}
 
 
+def _led(scene: Scene, key: str, places: Sequence[int], leader: str, lead: Sequence[int]) -> dict[int, int]:
+    """Per column of a parameter that of the first of several names whose random number it takes: the same
+    component, or the only one.
+    """
+
+    def component(name: str, column: int) -> int:
+        return _component(scene, column) if parameter_of(name)[2] is None else 0
+
+    by: dict[int, int] = {}
+    for column in lead:
+        by.setdefault(component(leader, column), column)
+    return {column: by.get(component(key, column), by[0]) for column in places}
+
+
 def _component(scene: Scene, column: int) -> int:
     """Which of a place's two components a column is; 0 of all else."""
     name, start, _ = column_of(scene, column)
@@ -169,6 +213,12 @@ def _bodies(scene: Scene, column: int) -> Any:
         pair = structure.pairs[row]
         return frozenset(structure.shapes[s].body for s in (pair.shape_a, pair.shape_b)), place
     return row, place
+
+
+def check_parameters(key: str, drawn: Distribution) -> None:
+    """Raise ArgumentError for a name, or several that one draw is of, that cannot be drawn, or not so."""
+    for name in names_in(key):
+        check_parameter(name, drawn)
 
 
 def check_parameter(key: str, drawn: Distribution) -> None:
