@@ -10,6 +10,7 @@ require_installed(__name__, __path__[0])
 
 from . import costs, measures, policies, runs, scenes, tasks
 from .description.brakes import brake
+from .description.loops import pin
 from .description.mjcf import MjcfError, load_mjcf, mjcf_control_limits
 from .description.parts import Actuator, Body, Contact, Shape, Spring, Tendon, box, touching
 from .description.ropes import rope
@@ -112,6 +113,7 @@ __all__ = [
     "mjcf_control_limits",
     "particle_rollout",
     "particles",
+    "pin",
     "policies",
     "replay",
     "residual",

@@ -246,7 +246,7 @@ class _Reader:
         mass = sum(p[0] for p in parts)
         if mass <= 0.0:
             raise MjcfError(f"body {name!r}: it has no mass; every body that moves needs some")
-        com = sum(p[0] * p[1] for p in parts) / mass
+        com = sum((p[0] * p[1] for p in parts), np.zeros(2)) / mass
         inertia = sum(p[2] + p[0] * float((p[1] - com) @ (p[1] - com)) for p in parts)
         return {"mass": mass, "inertia": inertia, "com": tuple(com.tolist())}
 
