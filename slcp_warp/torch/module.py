@@ -45,9 +45,17 @@ class Rollout(torch.nn.Module):
             worlds, beginning where `sim.params` is: of all parts, "mass", or one number of one, "box.mass"
             (in `physical` and the state's dict under "box:mass").
         checkpoint: as in `rollout`.
+        log: those of `learn` of which `physical` has the logarithms: steps of an optimiser are factors then,
+            the same for grams and tonnes, and never lead to what is not positive.
     """
 
-    def __init__(self, sim: Simulator, learn: Sequence[str] = (), checkpoint: int | None = None) -> None:
+    def __init__(
+        self,
+        sim: Simulator,
+        learn: Sequence[str] = (),
+        checkpoint: int | None = None,
+        log: Sequence[str] = (),
+    ) -> None:
         super().__init__()
         self.sim: Simulator = instance("sim", sim, Simulator, "a slcp_warp.Simulator")
         self.checkpoint = None if checkpoint is None else whole("checkpoint", checkpoint)
@@ -59,10 +67,21 @@ class Rollout(torch.nn.Module):
         self._names = {n.replace(".", ":"): n for n in learn}  # PyTorch takes no dots
         if len(self._names) < len(set(learn)):
             raise ParameterError(f"learn names {shown(learn)}; two of them are the same but for . and :")
+        self._log = set(names("log", (log,) if isinstance(log, str) else log, learn, error=ParameterError))
         first = {
-            key: torch.tensor(_first(sim, n), dtype=dtype, device=device) for key, n in self._names.items()
+            key: torch.tensor(self._begin(n), dtype=dtype, device=device) for key, n in self._names.items()
         }
         self.physical = torch.nn.ParameterDict({key: torch.nn.Parameter(at) for key, at in first.items()})
+
+    def _begin(self, name: str) -> np.ndarray:
+        value = _first(self.sim, name)
+        if name not in self._log:
+            return value
+        if not (value > 0.0).all():
+            raise ParameterError(
+                f"log names {name!r}, which is {shown(value.tolist())}; only what is positive has a logarithm"
+            )
+        return np.log(value)
 
     def forward(self, x0: Tensor, controls: Tensor) -> Outcome:
         """States and status, as `rollout`."""
@@ -73,7 +92,10 @@ class Rollout(torch.nn.Module):
 
         A disc or ring has one radius, twice: its gradient is that of the first number.
         """
-        out = {self._names[key]: value for key, value in self.physical.items()}
+        out = {
+            name: self.physical[key].exp() if name in self._log else self.physical[key]
+            for key, name in self._names.items()
+        }
         if "radius" in out:
             discs = [[shape.kind in ("disc", "ring")] for shape in self.sim.scene.shapes]
             both = torch.tensor(discs, device=out["radius"].device)

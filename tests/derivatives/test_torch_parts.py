@@ -48,3 +48,25 @@ def test_no_steps_are_refused():
     x = torch.zeros(2, 6, dtype=torch.float64)
     with pytest.raises(slcp.ArrayError, match=r"controls has shape \(2, 0, 2\); at least one step is needed"):
         slcp_torch.rollout(sim, x, torch.zeros(2, 0, 2, dtype=torch.float64))
+
+
+def test_logarithms_are_learned_of_what_is_positive(device):
+    """The gradient by the logarithm is that by the number, times it; a long step stays positive."""
+    sim = finger(device)
+    x, us = contact(device)
+    plain, logs = (
+        slcp_torch.Rollout(sim, learn=("link2.mass", "inertia"), log=log) for log in ((), "inertia")
+    )
+    for module in (plain, logs):
+        module(x, us).states[:, -1].square().sum().backward()
+    values = logs.values()["inertia"]
+    torch.testing.assert_close(values, plain.values()["inertia"])
+    torch.testing.assert_close(logs.physical["inertia"].grad, values * plain.physical["inertia"].grad)
+    torch.testing.assert_close(logs.physical["link2:mass"].grad, plain.physical["link2:mass"].grad)
+    with torch.no_grad():
+        logs.physical["inertia"] -= 5.0
+    assert (logs.values()["inertia"] > 0.0).all()
+    with pytest.raises(slcp.InputError, match="log"):
+        slcp_torch.Rollout(sim, learn=("mass",), log=("inertia",))
+    with pytest.raises(slcp.ParameterError, match="log names 'gravity', which is .* only what is positive"):
+        slcp_torch.Rollout(sim, learn="gravity", log="gravity")
