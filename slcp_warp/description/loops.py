@@ -39,8 +39,8 @@ def pin(
         stiffness: > 0 [N/m].
         damping: >= 0 [N s/m].
         arm: > 0 [m]. Of a pull F, what turns with the bodies is not met late (M50): h^2 F must stay below
-            twice m arm and, unless `body_a` is the world, below twice I/arm, I its inertia. So about
-            sqrt(I/m) is best, a third of a link's length; of the world about the length of the mechanism.
+            twice m arm and, unless `body_a` is the world, below twice I/arm, with I its inertia. A fifth of
+            sqrt(I/m) or of a link's length is best; long ones cost energy there, and digits everywhere.
 
     Raises:
         SceneError: an argument of another kind or size, or two points of one body.

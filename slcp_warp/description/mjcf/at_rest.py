@@ -41,6 +41,15 @@ class AtRest:
         mujoco.mj_solveM(self.m, self.factored, moved, jacobian)
         return jacobian @ moved.T
 
+    def slopes(self, body: int, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Slopes (3, nv) of the place of a point of a body, given in its frame (3,), and of its turning."""
+        import mujoco
+
+        moving, turning = np.zeros((3, self.m.nv)), np.zeros((3, self.m.nv))
+        at = place_of(self.data, body, point)
+        mujoco.mj_jac(self.m, self.data, moving, turning, at, body)
+        return moving, turning
+
     def independence(self, body: int) -> float:
         """How far the joints of a body are from moving it alike: the least eigenvalue of their masses, with
         ones on the diagonal. 1: in ways of their own, 0: one of them in the way of others.
@@ -54,6 +63,11 @@ class AtRest:
         masses = columns[:, first : first + count]
         scale = np.sqrt(np.diag(masses))
         return float(np.linalg.eigvalsh(masses / np.outer(scale, scale))[0])
+
+
+def place_of(data: Any, body: int, point: np.ndarray) -> np.ndarray:
+    """Where a point of a body is, given in its frame, (3,)."""
+    return np.asarray(data.xpos[body] + data.xmat[body].reshape(3, 3) @ point)
 
 
 def start_of(m: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -1,5 +1,5 @@
-"""Equality constraints of a MuJoCo model, for `reader.py`: what holds coordinates together is a spring and
-damper here that yields next to nothing.
+"""Equality constraints of a MuJoCo model, for `reader.py`: a spring and damper here that yields next to
+nothing, of coordinates a tendon, of points a pin.
 
 MuJoCo's own are soft, by solref and solimp, which are not read. Here a force F moves what is held by F/k.
 """
@@ -10,17 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from ..parts import Tendon
+from ..loops import pin
+from ..parts import Spring, Tendon
 from .at_rest import AtRest, start_of
+from .connections import Connection
 from .motors import Coordinate
 from .names import Names, named
-from .plane import MjcfError
+from .plane import MjcfError, Place, Plane
 from .refused import HINT, is_disabled
 from .tendons import joints_of
 
 # Stiffness k of what holds is this times m/h^2, m the mass that is felt along it at qpos0, h the time step,
 # its damping 2 k h: what is off halves in every step, and a force yields 1/RIGID of what it moves in one.
 RIGID = 300.0
+PINNED = 100.0  # the same of pins, which turn: stiffer ones give and take energy (`pin`)
 
 MISSED = 1e-3  # at the start: less than this nobody has to know [m, rad]
 
@@ -34,9 +37,7 @@ def active(m: Any) -> list[int]:
 
 def joints_held(m: Any) -> set[int]:
     """The joints that equality constraints of joints tie to a number or to each other."""
-    import mujoco
-
-    of_joints = [i for i in active(m) if m.eq_type[i] == mujoco.mjtEq.mjEQ_JOINT]
+    of_joints = [i for i in active(m) if kind_of(m, i) == "joint"]
     return {int(j) for i in of_joints for j in (m.eq_obj1id[i], m.eq_obj2id[i]) if j >= 0}
 
 
@@ -44,11 +45,12 @@ class Equalities:
     """What stands here for a model's equality constraints.
 
     Args:
+        place: of every MuJoCo body.
         coordinates: ours of every joint.
         with_tendons: whether the model's tendons are read.
 
     Attributes:
-        tendons: stiff ones.
+        tendons, springs: stiff ones.
         missed: by how much those are at the start that do not hold there, by their names in the model.
 
     Raises:
@@ -56,32 +58,45 @@ class Equalities:
     """
 
     def __init__(
-        self, m: Any, at_rest: AtRest, coordinates: Mapping[int, Coordinate], names: Names, with_tendons: bool
+        self,
+        m: Any,
+        plane: Plane,
+        at_rest: AtRest,
+        place: Mapping[int, Place],
+        coordinates: Mapping[int, Coordinate],
+        names: Names,
+        with_tendons: bool,
     ) -> None:
-        self.m, self.at_rest, self.coordinates, self.names = m, at_rest, coordinates, names
-        self.with_tendons = with_tendons
+        self.m, self.plane, self.at_rest, self.place = m, plane, at_rest, place
+        self.coordinates, self.names, self.with_tendons = coordinates, names, with_tendons
         self.moved = start_of(m)[0] - m.qpos0
         self.tendons: list[Tendon] = []
+        self.springs: list[Spring] = []
         self.missed: dict[str, float] = {}
         for i in active(m):
-            self._read(i, named(m, "equality", i))
+            self._read(i, f"equality constraint {named(m, 'equality', i)!r}")
 
-    def _read(self, i: int, name: str) -> None:
-        import mujoco
-
-        kinds = {int(mujoco.mjtEq.mjEQ_JOINT): "joint", int(mujoco.mjtEq.mjEQ_TENDON): "tendon"}
-        label, kind = f"equality constraint {name!r}", kinds.get(int(self.m.eq_type[i]))
-        if kind is None:
-            raise MjcfError(f"{label}: only those of joints and of fixed tendons are supported{HINT}")
-        if kind == "tendon" and not self.with_tendons:
+    def _read(self, i: int, label: str) -> None:
+        kind = kind_of(self.m, i)
+        if kind in ("connect", "weld"):
+            self._connect(i, Connection(self.m, i, self.plane, self.at_rest, label), label)
+        elif kind == "tendon" and not self.with_tendons:
             raise MjcfError(f"{label}: it holds a tendon, and tendons are left out{HINT}")
-        row, length = self._line(i, kind, label)
-        self._tie(i, row, length, label)
+        elif kind in ("joint", "tendon"):
+            row, length = self._line(i, kind, label)
+            if not np.any(row):
+                raise MjcfError(f"{label}: it holds no coordinate; one that acts on some is needed{HINT}")
+            self._tie(i, row, length)
+        else:
+            raise MjcfError(f"{label}: it is one of kind {kind}; joint, tendon, connect and weld are "
+                            f"supported{HINT}")  # fmt: skip
 
     def _line(self, i: int, kind: str, label: str) -> tuple[np.ndarray, float]:
         """The row (nv,) and the length of y - y0 = a0 + a1 (x - x0), of two joints' or tendons' positions."""
         first, second = int(self.m.eq_obj1id[i]), int(self.m.eq_obj2id[i])
         factors = [float(a) for a in self.m.eq_data[i, :5]]
+        if not np.isfinite(factors).all():
+            raise MjcfError(f"{label}: polycoef is {factors}; finite numbers are needed{HINT}")
         if second >= 0 and any(a != 0.0 for a in factors[2:]):
             raise MjcfError(f"{label}: polycoef is {factors}; a line is supported, a0 and a1{HINT}")
         row = self._row(kind, first)
@@ -96,36 +111,71 @@ class Equalities:
             row[self.m.jnt_dofadr[joint]] += coefficient
         return row
 
-    def _tie(self, i: int, row: np.ndarray, length: float, label: str) -> None:
+    def _tie(self, i: int, row: np.ndarray, length: float) -> None:
         """Add the tendon that holds row (q - qpos0) at a length, with 1 for its largest coefficient."""
-        largest = float(np.abs(row).max(initial=0.0))
-        if not np.isfinite(largest) or not np.isfinite(length):
-            raise MjcfError(f"{label}: its polycoef are not finite; they must be{HINT}")
-        if largest == 0.0:
-            raise MjcfError(f"{label}: it holds no coordinate; one that acts on some is needed{HINT}")
+        largest = float(np.abs(row).max())
         row, length = row / largest, length / largest
         joints = [int(self.m.dof_jntid[dof]) for dof in np.flatnonzero(row)]
         factors = [float(row[self.m.jnt_dofadr[j]]) for j in joints]
-        moved = sum(c * float(self.moved[self.m.jnt_qposadr[j]]) for j, c in zip(joints, factors))
-        if abs(moved - length) > MISSED:
-            self.missed[named(self.m, "equality", i)] = abs(moved - length) * largest
+        self._note(i, abs(self._along(row) - length), largest)
         ours = [self.coordinates[j] for j in joints]
         self.tendons.append(
             Tendon(
                 self.names.tendon("equality", i),
                 tuple(at.name for at in ours),
                 tuple(c * at.sense for c, at in zip(factors, ours)),
-                *rigid(self.m, self.at_rest.mobility([row])),
+                *self._stiff(RIGID, 1.0 / float(self.at_rest.mobility([row])[0, 0])),
                 length,
             )
         )
 
+    def _connect(self, i: int, at: Connection, label: str) -> None:
+        """The pin of two points, and of a weld the tendon of what turns their bodies against each other."""
+        holders = [self.place[end.body] for end in at.ends]
+        points = [place.point(self.plane.point(end.point)) for place, end in zip(holders, at.ends)]
+        if at.mass is None or holders[0].holder == holders[1].holder:
+            raise MjcfError(f"{label}: no joint moves its points against each other; some is needed{HINT}")
+        a, b = at.order
+        springs = pin(
+            holders[a].holder,
+            holders[b].holder,
+            (float(points[a][0]), float(points[a][1])),
+            (float(points[b][0]), float(points[b][1])),
+            *self._stiff(PINNED, at.mass),
+            at.arm,
+        )
+        self.springs += springs
+        self._note(i, at.apart)
+        if at.turn is None:
+            return
+        row, off = at.turn
+        if np.any(row):
+            self._tie(i, row, self._along(row) - off)
+        elif abs(off) > MISSED:
+            raise MjcfError(f"{label}: no joint turns its bodies against each other, which its relpose wants "
+                            f"{off:g} rad from how they are; leave it as they are{HINT}")  # fmt: skip
 
-def rigid(m: Any, mobility: np.ndarray) -> tuple[float, float]:
-    """Stiffness and damping of what holds rows of this mobility, (rows, rows), by the lightest mass."""
-    h = float(m.opt.timestep)
-    stiffness = RIGID / (float(np.linalg.eigvalsh(mobility)[-1]) * h**2)
-    return stiffness, 2.0 * stiffness * h
+    def _along(self, row: np.ndarray) -> float:
+        """row (q - qpos0) at the start."""
+        joints = [int(self.m.dof_jntid[dof]) for dof in np.flatnonzero(row)]
+        return float(sum(row[self.m.jnt_dofadr[j]] * self.moved[self.m.jnt_qposadr[j]] for j in joints))
+
+    def _note(self, i: int, off: float, unit: float = 1.0) -> None:
+        """Remember that a constraint is missed at the start."""
+        if off > MISSED:
+            self.missed[named(self.m, "equality", i)] = off * unit
+
+    def _stiff(self, times: float, mass: float) -> tuple[float, float]:
+        """Stiffness and damping of what holds a mass."""
+        h = float(self.m.opt.timestep)
+        return times * mass / h**2, 2.0 * times * mass / h
+
+
+def kind_of(m: Any, i: int) -> str:
+    """The kind of equality constraint i, "joint" .."""
+    import mujoco
+
+    return str(mujoco.mjtEq(int(m.eq_type[i])).name).removeprefix("mjEQ_").lower()
 
 
 def warn_of_start(missed: Mapping[str, float], file: str) -> None:

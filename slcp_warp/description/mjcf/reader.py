@@ -15,7 +15,7 @@ import numpy as np
 from ...inputs import checks
 from ...storage.files import reading
 from ..names import DOFS
-from ..parts import Actuator, Body, Tendon
+from ..parts import Actuator, Body, Spring, Tendon
 from ..scene import Scene
 from .at_rest import AtRest, start_of
 from .bounds import check_bounds
@@ -119,6 +119,7 @@ class _Reader:
         self.servos = servos(model)
         self.joints = Joints(model, plane, self.servos, self._tied())
         self.tendon_names: list[str] = []
+        self.springs: tuple[Spring, ...] = ()  # of equality constraints
         self.missed: dict[str, float] = {}  # by how much equality constraints are at the start
 
     def _tied(self) -> set[int]:
@@ -148,6 +149,7 @@ class _Reader:
             **read_contacts(m, self.plane, self.place, self.depth, bodies, self.apart, self.corner_radius),
             actuators=tuple(self._actuator(i) for i in range(m.nu)),
             tendons=tendons,
+            springs=self.springs,
             gravity=(0.0, 0.0) if is_disabled(m, "GRAVITY") else self._gravity(),
             step_size=float(m.opt.timestep),
             initial_state=tuple(state.tolist()),
@@ -161,8 +163,8 @@ class _Reader:
         out = read_tendons(m, self.tendon_names, self.coordinates, self.servos)
         if EQUALITIES in self.left_out:
             return out
-        equalities = Equalities(m, self.at_rest, self.coordinates, self.names, own)
-        self.missed = equalities.missed
+        equalities = Equalities(m, self.plane, self.at_rest, self.place, self.coordinates, self.names, own)
+        self.missed, self.springs = equalities.missed, tuple(equalities.springs)
         return (*out, *equalities.tendons)
 
     def _gravity(self) -> tuple[float, float]:
