@@ -108,6 +108,7 @@ def test_same_distances(pair):
     (('stiffness="200"', 'stiffness="200 5"'), "joint 'knee': nonlinear stiffness"),
     (('axis="0 1 0" range', 'axis="0 1 0" actuatorfrcrange="-1 1" range'), "joint 'hip': actuatorfrcrange"),
     (('<body name="thigh"', '<body name="thigh" gravcomp="1"'), "body 'thigh': gravcomp is 1.0"),
+    (('timestep="0.01"', 'timestep="0"'), "option timestep is 0; a positive number is needed"),
     (('timestep="0.01"', 'timestep="0.01" density="1.2"'), "option density is 1.2"),
     (('timestep="0.01"', 'timestep="0.01" viscosity="1e-3"'), "option viscosity is 0.001"),
     (('gravity="0 0 -9.81"/>', 'gravity="0 0 -9.81"><flag constraint="disable"/></option>'),

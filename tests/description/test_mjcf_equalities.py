@@ -272,7 +272,7 @@ REFUSED = {
     "curve": ('<joint name="e" joint1="shoulder" joint2="elbow" polycoef="0 1 0 .5"/>',
               r"constraint 'e': polycoef is \[0.0, 1.0, 0.0, 0.5, 0.0\]; a line is supported"),
     "curve of tendons": ('<tendon tendon1="belt" tendon2="nut" polycoef="0 1 .1"/>', "a line is supported"),
-    "nan": ('<joint joint1="shoulder" polycoef="nan 1"/>', "polycoef is .nan, 1.0, .*finite numbers are needed"),
+    "nan": ('<joint joint1="shoulder" polycoef="nan 1"/>', "polycoef is .nan, 1.0, .*finite numbers are"),
     "nothing": ('<tendon name="e" tendon1="nut" tendon2="half" polycoef="0 2"/>',
                 "'e': it holds no coordinate"),
     "spatial": ('<tendon tendon1="string"/>', "tendon 'string': only fixed tendons"),

@@ -58,7 +58,9 @@ class AtRest:
 
         first, count = int(self.m.body_dofadr[body]), int(self.m.body_dofnum[body])
         columns = np.zeros((count, self.m.nv))
-        for column, unit in zip(columns, np.eye(self.m.nv)[first : first + count]):
+        for place, column in enumerate(columns):
+            unit = np.zeros(self.m.nv)
+            unit[first + place] = 1.0
             mujoco.mj_mulM(self.m, self.data, column, unit)
         masses = columns[:, first : first + count]
         scale = np.sqrt(np.diag(masses))

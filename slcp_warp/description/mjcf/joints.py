@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .motors import JOINT, Servo
+from .names import named
 from .plane import MjcfError, Plane, side_of
 
 KINDS = ("free", "ball", "slide", "hinge")
@@ -58,7 +59,7 @@ class Joints:
         kinds = [KINDS[m.jnt_type[j]] for j in joints]
         for j, kind in zip(joints, kinds):
             if kind not in HERE:
-                raise MjcfError(f"joint {m.joint(j).name!r}: a {kind} joint is not planar; "
+                raise MjcfError(f"joint {named(m, 'joint', j)!r}: a {kind} joint is not planar; "
                                 "use slide, slide and hinge joints")  # fmt: skip
         free = self._free(joints, axes) if kinds == ["slide", "slide", "hinge"] else None
         return [free] if free else [self._single(j, kind, axes) for j, kind in zip(joints, kinds)]
@@ -69,13 +70,13 @@ class Joints:
         return float(x), float(y)
 
     def _direction(self, j: int) -> np.ndarray:
-        return np.array(self.plane.vector(self.m.jnt_axis[j], f"joint {self.m.joint(j).name!r}"))
+        return np.array(self.plane.vector(self.m.jnt_axis[j], f"joint {named(self.m, 'joint', j)!r}"))
 
     def _single(self, j: int, kind: str, axes: np.ndarray) -> Link:
         """A hinge or a slide by itself."""
         sign, pivot = 1.0, np.zeros(2)
         if kind == "hinge":
-            label = f"joint {self.m.joint(j).name!r}"
+            label = f"joint {named(self.m, 'joint', j)!r}"
             sign = side_of(axes) * self.plane.normal_sign(self.m.jnt_axis[j], label)
             pivot = self.plane.point(self.m.jnt_pos[j])
         else:
@@ -134,8 +135,8 @@ class Joints:
         alone = own * rest + push
         if stiffness == 0.0 and alone != 0.0:
             raise MjcfError(
-                f"joint {m.joint(j).name!r}: an actuator pushes it by {alone:g} without a control; that is "
-                "supported only where a spring or a position servo acts, too"
+                f"joint {named(m, 'joint', j)!r}: an actuator pushes it by {alone:g} without a control; that "
+                "is supported only where a spring or a position servo acts, too"
             )
         if servo.stiffness != 0.0 or push != 0.0:
             rest = (own * rest + push) / stiffness if stiffness != 0.0 else 0.0

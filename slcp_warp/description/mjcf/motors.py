@@ -9,6 +9,7 @@ g^2 times its own.
 from dataclasses import dataclass
 from typing import Any
 
+from .names import named
 from .plane import MjcfError
 
 JOINT, TENDON = "joint", "tendon"
@@ -53,7 +54,7 @@ def gain_of(m: Any, i: int) -> tuple[str, int, float]:
         and m.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
     ):
         raise MjcfError(
-            f"actuator {m.actuator(i).name!r}: only a motor, or a position or velocity servo without "
+            f"actuator {named(m, 'actuator', i)!r}: only a motor, or a position or velocity servo without "
             "dynamics of its own, on a joint or a fixed tendon is supported"
         )
     gain = float(m.actuator_gear[i, 0] * m.actuator_gainprm[i, 0])

@@ -1,20 +1,21 @@
 """Names of a MuJoCo model's elements, and of what becomes of them here, for `reader.py`."""
 
+import functools
 from typing import Any
 
 from ..names import UNITS
 
 
 def named(m: Any, kind: str, i: int) -> str:
-    """The name of a MuJoCo body, geom, joint, tendon or equality constraint; without one its kind and number,
-    as no other is called.
+    """The name of a MuJoCo body, geom, joint, tendon, actuator or equality constraint; without one its kind
+    and number, as no other is called.
     """
     import mujoco
 
     kinds = mujoco.mjtObj
     objects = {
         "body": kinds.mjOBJ_BODY, "geom": kinds.mjOBJ_GEOM, "joint": kinds.mjOBJ_JOINT,
-        "tendon": kinds.mjOBJ_TENDON, "equality": kinds.mjOBJ_EQUALITY,
+        "tendon": kinds.mjOBJ_TENDON, "equality": kinds.mjOBJ_EQUALITY, "actuator": kinds.mjOBJ_ACTUATOR,
     }  # fmt: skip
     if name := getattr(m, kind)(i).name:
         return str(name)
@@ -36,20 +37,22 @@ class Names:
 
     def body_of(self, joint: int) -> str:
         """The name of a body here that a joint has for itself: the joint's."""
-        m = self.m
-        others = {
-            named(m, kind, i) for kind, n in (("geom", m.ngeom), ("tendon", m.ntendon)) for i in range(n)
-        }
-        name = named(m, "joint", joint)
-        while name in self.bodies | others:
+        name = named(self.m, "joint", joint)
+        while name in self.bodies or name in self._others:
             name += "_joint"
         self.bodies.add(name)
         return name
 
+    @functools.cached_property
+    def _others(self) -> set[str]:
+        """Names of geoms and tendons."""
+        counts = (("geom", self.m.ngeom), ("tendon", self.m.ntendon))
+        return {named(self.m, kind, i) for kind, count in counts for i in range(count)}
+
     def tendon(self, kind: str, i: int) -> str:
         """The name of what becomes a tendon here, a "tendon" or an "equality"."""
         name = named(self.m, kind, i).replace("#", "_")
-        while name in self.bodies | self.tendons or self._is_coordinate(name):
+        while name in self.bodies or name in self.tendons or self._is_coordinate(name):
             name += f"_{kind}"
         self.tendons.add(name)
         return name

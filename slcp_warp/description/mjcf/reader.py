@@ -1,8 +1,9 @@
 """Planar scenes from MJCF, read off the model that the `mujoco` package compiles (extra `mjcf`).
 
 MuJoCo resolves defaults, includes and angles; what it compiled is mapped to a `Scene` where that is exact,
-and refused by name where it is not. Solver settings (solref, solimp, margins, integrator) and the ranges of
-controls, which are a task's, are not read. docs/reference/scene_files.md has the table.
+and refused by name where it is not; what equality constraints hold, springs hold that yield next to nothing.
+Solver settings (solref, solimp, margins, integrator) and the ranges of controls, which are a task's, are not
+read. docs/reference/scene_files.md has the table.
 """
 
 import os
@@ -44,12 +45,15 @@ def load_mjcf(
 ) -> Scene:
     """Read a planar mechanism from an MJCF file.
 
+    A RuntimeWarning says which equality constraints do not hold at the start, which has a jerk then.
+
     Args:
         plane: "xz" (x right, z up) or "xy", the plane of motion; None: "xy" where all hinges turn about z,
             else "xz". Angles count counter-clockwise in it, so that a hinge about +y of an "xz" model changes
             its sign. q = 0: the joints' reference positions.
         left_out: of what would be refused, as it has no counterpart ("frictionloss", "tendons", "density",
-            .., as errors name it), what the scene is to do without: it is another mechanism then.
+            "equality constraints", .., as errors name it), what the scene is to do without: it is another
+            mechanism then.
         corner_radius: of boxes, within their size: MuJoCo's are sharp, two that touch each other need some
             [m].
 

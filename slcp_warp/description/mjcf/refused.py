@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .names import named
 from .plane import MjcfError
 
 FLAGS = ("LIMIT", "SPRING", "DAMPER", "ACTUATION")
@@ -62,7 +63,7 @@ def refuse_what_is_missing(m: Any, left_out: Collection[str] = ()) -> None:
             values = np.asarray(getattr(m, field, ()) if what not in left_out else ())
             for place in (i for i, value in enumerate(values) if np.any(value)):
                 owner = m.dof_jntid[place] if field.startswith("dof_") else place
-                name = getattr(m, kind)(int(owner)).name
+                name = named(m, kind, int(owner))
                 value = np.round(values[place].astype(float), 9).tolist()
                 of = "is limited" if values.dtype == bool else f"is {value}"
                 raise MjcfError(f"{kind} {name!r}: {what} {of}; it is not supported{HINT}")
@@ -78,6 +79,8 @@ def is_disabled(m: Any, flag: str) -> bool:
 def _refuse_options(m: Any, left_out: Collection[str]) -> None:
     import mujoco
 
+    if not 0.0 < m.opt.timestep < np.inf:
+        raise MjcfError(f"option timestep is {float(m.opt.timestep):g}; a positive number is needed")
     for flag in (*FLAGS, *(("CONSTRAINT",) if m.jnt_limited.any() else ())):
         if is_disabled(m, flag):
             raise MjcfError(f"flag {flag.lower()} is disabled; leave out of the model what is not to act")
@@ -90,5 +93,6 @@ def _refuse_options(m: Any, left_out: Collection[str]) -> None:
     for i in range(m.nu):
         if 0 <= (group := int(m.actuator_group[i])) < 31 and m.opt.disableactuator >> group & 1:
             raise MjcfError(
-                f"actuator {m.actuator(i).name!r}: its group {group} is disabled; leave it out of the model"
+                f"actuator {named(m, 'actuator', i)!r}: its group {group} is disabled; leave it out of the "
+                "model"
             )
