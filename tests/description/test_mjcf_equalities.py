@@ -113,7 +113,7 @@ def test_what_is_held_is_held_under_load(tmp_path, law, dtype):
     states = np.asarray(run.states, float)
     if law != "smoothed":
         assert np.asarray(run.gap).min() < 1e-4  # it hits the floor
-    assert np.abs(off(states)).max() < 1e-3 and np.abs(off(states)).mean() < 3e-4
+    assert np.abs(off(states)).max() < 2e-3 and np.abs(off(states)).mean() < 6e-4
     assert np.ptp(states[..., 1]) > 0.8
 
 
@@ -219,22 +219,51 @@ def test_bodies_that_are_mirrored(tmp_path):
                 assert across == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_wall_behind_is_no_wall(tmp_path):
+@pytest.mark.parametrize("turned", [False, True], ids=["wall", "mirrored wall"])
+def test_a_wall_behind_is_no_wall(tmp_path, turned):
     """But what reaches it: of two fingertips of which one lies deeper in, mirrored, the other one does."""
     text = GRIPPER.format(equality="")
+    if turned:
+        wall = '<geom name="wall" type="plane" pos="0 .2 .5" zaxis="0 -1 0"'
+        assert wall in text
+        text = text.replace(
+            wall, wall.replace('pos="0 .2 .5" zaxis="0 -1 0"', 'pos="0 -.2 .5" zaxis="0 1 0"')
+        )
+        place = text.index('<geom name="wall"')
+        end = text.index("/>", place) + 2
+        text = text[:place] + f'<body euler="0 0 180">{text[place:end]}</body>' + text[end:]
     parts = text.split('type="sphere" pos=".003 0 0" size=".008"')
     path = tmp_path / "model.xml"
-    for sizes in ((0.189, 0.209), (0.191, 0.209), (0.189, 0.211)):
-        thumb, finger = (f'type="sphere" pos=".003 0 0" size="{size}"' for size in sizes)
+    for sizes in ((0.169, 0.229), (0.171, 0.229), (0.169, 0.231)):
+        thumb, finger = (f'type="sphere" pos=".003 .02 0" size="{size}"' for size in sizes)
         path.write_text(parts[0] + thumb + parts[1] + finger + parts[2])
-        if sizes == (0.189, 0.209):
+        if sizes == (0.169, 0.229):
             assert slcp.load_mjcf(path).nv == 6
             continue
-        name = "thumbtip" if sizes[0] > 0.19 else "fingertip"
+        name = "thumbtip" if sizes[0] > 0.17 else "fingertip"
         with pytest.raises(
             slcp.MjcfError, match=f"'wall' and '{name}': the first is a wall along the plane xz"
         ):
             slcp.load_mjcf(path)
+
+
+def test_a_slide_of_a_free_body_that_is_turned(tmp_path):
+    """What is tied to one of two slides that are turned against ours has a coordinate of its own for it."""
+    sled = """<body name="sled" pos="0 0 1" euler="0 20 0">
+      <joint name="x" type="slide" axis="1 0 0" ref=".1"/><joint name="z" type="slide" axis="0 0 1"/>
+      <joint name="tilt" axis="0 1 0"/><geom size=".1" mass="1"/></body>"""
+    free = ARM.replace('<body name="upper">', sled + '<body name="upper">', 1)
+    free = free[: free.index("<keyframe>")] + free[free.index("</keyframe>") + 11 :]
+    assert slcp.load_mjcf(written(tmp_path, "", free)).state_names[:3] == ("sled.x", "sled.y", "sled.angle")
+    path = written(tmp_path, '<joint joint1="x" joint2="elbow" polycoef="0 -.4"/>', free)
+    scene, m = slcp.load_mjcf(path), mujoco.MjModel.from_xml_path(str(path))
+    assert scene.state_names[:3] == ("x.shift", "z.shift", "sled.angle")
+    tendon, data, turn = scene.tendons[-1], mujoco.MjData(m), np.diag(mujoco_beside.turn_of(m))
+    for q in np.random.default_rng(0).normal(size=(5, m.nv)):
+        data.qpos[:] = m.qpos0 + turn * q
+        mujoco.mj_fwdPosition(m, data)
+        along = sum(c * q[scene.state_index(n)] for n, c in zip(tendon.coordinates, tendon.coefficients))
+        assert along - tendon.length == pytest.approx(data.efc_pos[0], abs=1e-12)
 
 
 def test_coupled_fingers_stay_coupled(tmp_path, dtype):

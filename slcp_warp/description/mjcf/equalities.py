@@ -22,9 +22,9 @@ from .tendons import joints_of
 
 # Stiffness k of what holds is this times m/h^2, m the mass that is felt along it at qpos0, h the time step,
 # its damping 2 k h: less than half of what is off is left after a step, and a force yields 1/RIGID of what it
-# moves in one. At three times as much a float32 step of Coulomb's law does not always converge any more.
-RIGID = 300.0
-PINNED = 100.0  # the same of pins, which turn: stiffer ones give and take energy (`pin`)
+# moves in one. At three times as much a float32 step under Coulomb's law fails once in a million, at ten once
+# in ten thousand; stiffer pins give and take energy as they turn (`pin`).
+RIGID = 100.0
 MISSED = 1e-3  # at the start: less than this nobody has to know [m, rad]
 
 
@@ -124,7 +124,7 @@ class Equalities:
                 self.names.tendon("equality", i),
                 tuple(at.name for at in ours),
                 tuple(c * at.sense for c, at in zip(factors, ours)),
-                *self._stiff(RIGID, 1.0 / float(self.at_rest.mobility([row])[0, 0])),
+                *self._stiff(1.0 / float(self.at_rest.mobility([row])[0, 0])),
                 length,
             )
         )
@@ -133,7 +133,7 @@ class Equalities:
         """The pin of two points, and of a weld the tendon of what turns their bodies against each other."""
         holders = [self.place[end.body] for end in at.ends]
         points = [place.point(self.plane.point(end.point)) for place, end in zip(holders, at.ends)]
-        if at.mass is None or holders[0].holder == holders[1].holder:
+        if at.mass is None:
             raise MjcfError(f"{label}: no joint moves its points against each other; some is needed{HINT}")
         a, b = at.order
         springs = pin(
@@ -141,7 +141,7 @@ class Equalities:
             holders[b].holder,
             (float(points[a][0]), float(points[a][1])),
             (float(points[b][0]), float(points[b][1])),
-            *self._stiff(PINNED, at.mass),
+            *self._stiff(at.mass),
             at.arm,
         )
         self.springs += springs
@@ -165,10 +165,10 @@ class Equalities:
         if off > MISSED:
             self.missed[named(self.m, "equality", i)] = off * unit
 
-    def _stiff(self, times: float, mass: float) -> tuple[float, float]:
+    def _stiff(self, mass: float) -> tuple[float, float]:
         """Stiffness and damping of what holds a mass."""
         h = float(self.m.opt.timestep)
-        return times * mass / h / h, 2.0 * times * mass / h
+        return RIGID * mass / h / h, 2.0 * RIGID * mass / h
 
 
 def kind_of(m: Any, i: int) -> str:
