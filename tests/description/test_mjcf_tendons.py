@@ -13,7 +13,7 @@ HAND = """
   <worldbody>
     <body name="palm" pos="0 0 .5">
       <joint name="lift" type="slide" axis="0 0 1" damping="2" ref=".3"/>
-      <geom type="box" size=".1 .05 .02" mass="1"/>
+      <geom type="box" size=".1 .05 .02" mass="1"/><geom name="wrap" type="sphere" size=".01" mass="0"/>
       <body name="left" pos="-.1 0 -.05">
         <joint name="l" type="hinge" axis="0 1 0" ref=".1" damping=".1"/>
         <geom type="sphere" size=".01" pos="0 0 -.1" mass=".1"/>
@@ -73,7 +73,7 @@ def test_forces_are_mujocos(tmp_path):
 
 REFUSED = {
     "spatial": (
-        '<spatial name="s" stiffness="2"><site site="a"/><site site="b"/></spatial>',
+        '<spatial name="s"><site site="a"/><geom geom="wrap"/><site site="b"/></spatial>',
         "only fixed tendons",
     ),
     "range": (

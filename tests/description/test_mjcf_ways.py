@@ -165,8 +165,8 @@ def test_what_has_no_counterpart_is_left_out_where_that_is_said(tmp_path):
     path = read(tmp_path)
     more = (
         (' damping=".1"', ' damping=".1" frictionloss="1"', "frictionloss"),
-        ("</worldbody>", '<site name="a"/></worldbody><tendon><spatial width=".003"><site site="a"/>'
-         '<site site="b"/></spatial></tendon>', "tendons"),
+        ("</worldbody>", '<site name="a"/><site name="c" pos="0 0 1"/></worldbody><tendon><spatial>'
+         '<site site="a"/><site site="b"/><site site="c"/></spatial></tendon>', "tendons"),
         ("<option ", '<option density="1.2" ', "density"),
     )  # fmt: skip
     text = path.read_text().replace('name="torso" type', 'name="torso" type', 1)

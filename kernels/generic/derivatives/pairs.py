@@ -67,22 +67,9 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
         return beyond
 
     @wp.func
-    def prepare(
-        t: wp.ref[Topology],
-        k: wp.ref[Slot],
-        d: Slopes,
-        b: int,
-        pair: int,
-        start: int,
-    ):
-        pa = pose_a(t, k, pair)
-        pb = pose_b(t, k, pair)
+    def touched_a(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, pa: V4, pb: V4, n: V2):
+        """Support of A, and where B touches it."""
         ra = radii_a(t, k, pair)
-        n = k.normal[pair]
-        dx = pb[0] - pa[0]
-        dy = pb[1] - pa[1]
-        reach = n[0] * dx + n[1] * dy
-        hb = of_ellipse(radii_b(t, k, pair), pb, n)
         ha = V4()
         flat = int(0)
         if t.pair_kind[pair] == PLANE:
@@ -98,6 +85,25 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
             ha = of_ring(ra, pa, n)
         else:
             ha = of_ellipse(ra, pa, n)
+        return ha, flat
+
+    @wp.func
+    def prepare(
+        t: wp.ref[Topology],
+        k: wp.ref[Slot],
+        d: Slopes,
+        b: int,
+        pair: int,
+        start: int,
+    ):
+        pa = pose_a(t, k, pair)
+        pb = pose_b(t, k, pair)
+        n = k.normal[pair]
+        dx = pb[0] - pa[0]
+        dy = pb[1] - pa[1]
+        reach = n[0] * dx + n[1] * dy
+        hb = of_ellipse(radii_b(t, k, pair), pb, n)
+        ha, flat = touched_a(t, k, pair, pa, pb, n)
         radius = reach + ha[2] + hb[2]
         floor = EPS * (wp.abs(ha[0]) + wp.abs(hb[0]) + wp.abs(reach)) + EPS
         radius = wp.where(wp.abs(radius) > floor, radius, floor)

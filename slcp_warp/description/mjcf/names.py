@@ -57,6 +57,17 @@ class Names:
         self.tendons.add(name)
         return name
 
+    def shape(self, kind: str, i: int) -> str:
+        """The name of a shape that stands for a tendon."""
+        name = named(self.m, kind, i)
+        while name in self._geoms or name in self.bodies:
+            name += f"_{kind}"
+        return name
+
+    @functools.cached_property
+    def _geoms(self) -> set[str]:
+        return {named(self.m, "geom", i) for i in range(self.m.ngeom)}
+
     def _is_coordinate(self, name: str) -> bool:
         body, _, word = name.rpartition(".")
         return body in self.bodies and word in UNITS

@@ -18,6 +18,7 @@ from ...storage.files import reading
 from ..names import DOFS
 from ..parts import Actuator, Body, Spring, Tendon
 from ..scene import Scene
+from .additions import with_brakes, with_contacts
 from .at_rest import AtRest, start_of
 from .bounds import check_bounds
 from .contacts import read_contacts
@@ -26,7 +27,8 @@ from .joints import Joints, Link
 from .motors import TENDON, Coordinate, gain_of, servos
 from .names import Names, named
 from .plane import MjcfError, Place, Plane, angle_of, plane_of
-from .refused import EQUALITIES, TENDONS, WORDS, is_disabled, refuse_what_is_missing
+from .refused import EQUALITIES, FRICTIONLOSS, TENDONS, WORDS, is_disabled, refuse_what_is_missing
+from .strings import Strings, is_straight, read_strings
 from .tendons import joints_of, read_tendons
 
 # Mass and inertia of a body that a joint has for itself, of those of the body that it carries: less than
@@ -42,6 +44,7 @@ def load_mjcf(
     plane: str | None = None,
     left_out: Sequence[str] = (),
     corner_radius: float = 0.0,
+    brakes: bool = False,
 ) -> Scene:
     """Read a planar mechanism from an MJCF file.
 
@@ -56,6 +59,8 @@ def load_mjcf(
             mechanism then.
         corner_radius: of boxes, within their size: MuJoCo's are sharp, two that touch each other need some
             [m].
+        brakes: make the dry friction of joints, "frictionloss", that of a `brake` each: one more body and
+            coordinate, behind the others.
 
     Raises:
         MjcfError: a file that MuJoCo does not compile, an element that is not planar or not supported, or a
@@ -71,7 +76,7 @@ def load_mjcf(
     mujoco = _package()
     with reading(path, "MJCF", MjcfError):
         model = _model(mujoco, path)
-        refuse_what_is_missing(model, left_out)
+        refuse_what_is_missing(model, left_out, lambda field, i: _is_made(model, field, i, brakes))
         reader = _Reader(model, chosen or Plane(plane_of(model)), corner_radius, left_out)
         scene = reader.scene(model.names.split(b"\0")[0].decode() or path.stem)
     warn_of_start(reader.missed, path.name)
@@ -94,6 +99,11 @@ def mjcf_control_limits(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.nd
     limited = np.asarray(model.actuator_ctrllimited, bool)
     ends = np.asarray(model.actuator_ctrlrange, float).reshape(-1, 2).T
     return np.where(limited, ends[0], -np.inf), np.where(limited, ends[1], np.inf)
+
+
+def _is_made(m: Any, field: str, i: int, brakes: bool) -> bool:
+    """Whether something here stands for what a field of a MuJoCo model has at a place."""
+    return (field == "dof_frictionloss" and brakes) or (field == "tendon_limited" and is_straight(m, i))
 
 
 def _package() -> Any:
@@ -122,7 +132,7 @@ class _Reader:
         self.welded: dict[str, list[tuple[float, np.ndarray, float]]] = {}
         self.servos = servos(model)
         self.joints = Joints(model, plane, self.servos, self._tied())
-        self.tendon_names: list[str] = []
+        self.tendon_names: dict[int, str] = {}  # of fixed ones
         self.springs: tuple[Spring, ...] = ()  # of equality constraints
         self.missed: dict[str, float] = {}  # by how much equality constraints are at the start
 
@@ -130,7 +140,8 @@ class _Reader:
         """The joints that tendons and equality constraints act on."""
         out: set[int] = set()
         if TENDONS not in self.left_out:
-            out |= {j for i in range(self.m.ntendon) for j in joints_of(self.m, i)}
+            fixed = (i for i in range(self.m.ntendon) if not is_straight(self.m, i))
+            out |= {j for i in fixed for j in joints_of(self.m, i)}
         elif any(kind == TENDON for kind, _ in self.servos):
             raise MjcfError("an actuator acts on a tendon, and tendons are left out")
         return out if EQUALITIES in self.left_out else out | joints_held(self.m)
@@ -147,23 +158,33 @@ class _Reader:
         parts = [slice(a, b) for a, b in zip(sizes[:-1], sizes[1:])]
         state = np.concatenate([t @ x[at] for x in (q - m.qpos0, v) for t, at in zip(self.turns, parts)])
         tendons = self._tendons()
-        return Scene(
+        strings = self._strings()
+        scene = Scene(
             name=name,
             bodies=bodies,
             **read_contacts(m, self.plane, self.place, self.depth, bodies, self.apart, self.corner_radius),
             actuators=tuple(self._actuator(i) for i in range(m.nu)),
             tendons=tendons,
-            springs=self.springs,
+            springs=(*self.springs, *strings.springs),
             gravity=(0.0, 0.0) if is_disabled(m, "GRAVITY") else self._gravity(),
             step_size=float(m.opt.timestep),
             initial_state=tuple(state.tolist()),
         )
+        scene = with_contacts(scene, strings.shapes, strings.contacts)
+        return scene if FRICTIONLOSS in self.left_out else with_brakes(scene, m, self.coordinates)
+
+    def _strings(self) -> Strings:
+        """What tendons from one site to another are."""
+        if TENDONS in self.left_out:
+            return Strings()
+        return read_strings(self.m, self.plane, self.place, self.names)
 
     def _tendons(self) -> tuple[Tendon, ...]:
         """The tendons of the model, and those that stand for its equality constraints."""
         m, own = self.m, TENDONS not in self.left_out
         if own:
-            self.tendon_names = [self.names.tendon("tendon", i) for i in range(m.ntendon)]
+            fixed = (i for i in range(m.ntendon) if not is_straight(m, i))
+            self.tendon_names = {i: self.names.tendon("tendon", i) for i in fixed}
         out = read_tendons(m, self.tendon_names, self.coordinates, self.servos)
         if EQUALITIES in self.left_out:
             return out
@@ -259,6 +280,11 @@ class _Reader:
     def _actuator(self, i: int) -> Actuator:
         kind, which, push = gain_of(self.m, i)
         if kind == TENDON:
+            if which not in self.tendon_names:
+                name, its = named(self.m, "actuator", i), named(self.m, "tendon", which)
+                raise MjcfError(
+                    f"actuator {name!r}: tendon {its!r} is not fixed; actuators pull at those of joints alone"
+                )
             return Actuator(gear=push, tendon=self.tendon_names[which])
         at = self.coordinates[which]
         return Actuator(at.body, at.dof, at.sense * push)

@@ -3,7 +3,7 @@
 A field that a version of MuJoCo lacks says nothing: that version has not got what it stands for.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -12,19 +12,19 @@ from .names import named
 from .plane import MjcfError
 
 FLAGS = ("LIMIT", "SPRING", "DAMPER", "ACTUATION")
-TENDONS = "tendons"
+TENDONS, FRICTIONLOSS = "tendons", "frictionloss"
 EQUALITIES = "equality constraints"
 COUNTS = {"nflex": "flexes", "nplugin": "plugins"}
 MEDIUM = ("density", "viscosity")  # of what bodies move in: drag
 # fields that are zero where nothing of the kind acts, by the element that they belong to
 FIELDS = {
     "joint": {
-        "dof_frictionloss": "frictionloss", "dof_dampingpoly": "nonlinear damping",
+        "dof_frictionloss": FRICTIONLOSS, "dof_dampingpoly": "nonlinear damping",
         "jnt_stiffnesspoly": "nonlinear stiffness", "jnt_springyield": "a spring that yields",
         "jnt_actfrclimited": "actuatorfrcrange",
     },
     "tendon": {
-        "tendon_limited": "range", "tendon_frictionloss": "frictionloss", "tendon_armature": "armature",
+        "tendon_limited": "range", "tendon_frictionloss": FRICTIONLOSS, "tendon_armature": "armature",
         "tendon_actfrclimited": "actuatorfrcrange", "tendon_dampingpoly": "nonlinear damping",
         "tendon_stiffnesspoly": "nonlinear stiffness", "tendon_springyield": "a spring that yields",
     },
@@ -44,13 +44,17 @@ WORDS = (
     *dict.fromkeys(w for fields in FIELDS.values() for w in fields.values()),
 )
 HINT = " (load_mjcf can leave it out: left_out)"
+BRAKE = " but as a brake, brakes=True"
 
 
-def refuse_what_is_missing(m: Any, left_out: Collection[str] = ()) -> None:
+def refuse_what_is_missing(
+    m: Any, left_out: Collection[str] = (), made: Callable[[str, int], bool] = lambda field, i: False
+) -> None:
     """Raise MjcfError for the first thing that would act in MuJoCo and not here.
 
     Args:
         left_out: words of `WORDS`, of what may act there alone.
+        made: (field, place) -> whether that is made of something here.
     """
     _refuse_options(m, left_out)
     for count, what in COUNTS.items():
@@ -61,12 +65,13 @@ def refuse_what_is_missing(m: Any, left_out: Collection[str] = ()) -> None:
             continue
         for field, what in fields.items():
             values = np.asarray(getattr(m, field, ()) if what not in left_out else ())
-            for place in (i for i, value in enumerate(values) if np.any(value)):
+            for place in (i for i, value in enumerate(values) if np.any(value) and not made(field, i)):
                 owner = m.dof_jntid[place] if field.startswith("dof_") else place
                 name = named(m, kind, int(owner))
                 value = np.round(values[place].astype(float), 9).tolist()
                 of = "is limited" if values.dtype == bool else f"is {value}"
-                raise MjcfError(f"{kind} {name!r}: {what} {of}; it is not supported{HINT}")
+                brake = BRAKE if field == "dof_frictionloss" else ""
+                raise MjcfError(f"{kind} {name!r}: {what} {of}; it is not supported{brake}{HINT}")
 
 
 def is_disabled(m: Any, flag: str) -> bool:

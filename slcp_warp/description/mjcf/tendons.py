@@ -2,7 +2,7 @@
 damper and what servos on them add.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,8 @@ def joints_of(m: Any, i: int) -> dict[int, float]:
     places = range(first, first + int(m.tendon_num[i]))
     if any(m.wrap_type[at] != mujoco.mjtWrap.mjWRAP_JOINT for at in places):
         raise MjcfError(
-            f"tendon {named(m, 'tendon', i)!r}: only fixed tendons, of joints, are supported{HINT}"
+            f"tendon {named(m, 'tendon', i)!r}: only fixed tendons, of joints, and those from one site to "
+            f"another are supported{HINT}"
         )
     out: dict[int, float] = {}
     for at in places:
@@ -37,14 +38,14 @@ def joints_of(m: Any, i: int) -> dict[int, float]:
 
 def read_tendons(
     m: Any,
-    names: Sequence[str],
+    names: Mapping[int, str],
     coordinates: Mapping[int, Coordinate],
     servos: Mapping[tuple[str, int], Servo],
 ) -> tuple[Tendon, ...]:
     """The tendons of the model.
 
     Args:
-        names: theirs, here.
+        names: here, of those that are read.
         coordinates: ours of every joint.
         servos: what actuators do by themselves.
 
@@ -52,7 +53,7 @@ def read_tendons(
         MjcfError: one that is not fixed, or with what has no counterpart.
     """
     out = []
-    for i, name in enumerate(names):
+    for i, name in names.items():
         servo, offset = servos.get((TENDON, i), Servo()), 0.0
         parts = []
         for joint, coefficient in joints_of(m, i).items():
