@@ -9,11 +9,11 @@ from .storage.installed import require_installed
 require_installed(__name__, __path__[0])
 
 from . import costs, measures, policies, runs, scenes, tasks
-from .description.brakes import brake
-from .description.loops import pin
+from .description.assemblies.brakes import brake
+from .description.assemblies.pins import pin
+from .description.assemblies.ropes import rope
 from .description.mjcf import MjcfError, load_mjcf, mjcf_control_limits
 from .description.parts import Actuator, Body, Contact, Shape, Spring, Tendon, box, touching
-from .description.ropes import rope
 from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
 from .ensembles.outcome import Report

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..brakes import brake
+from ..assemblies.brakes import brake
 from ..parts import Body, Contact, Shape
 from ..scene import Scene
 from .motors import Coordinate

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..loops import pin
+from ..assemblies.pins import pin
 from ..parts import Spring, Tendon
 from .at_rest import AtRest, start_of
 from .connections import Connection

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ..assemblies.ropes import rope
 from ..parts import Contact, Shape, Spring
-from ..ropes import rope
 from .names import Names, named
 from .plane import FLAT, MjcfError, Place, Plane
 from .refused import HINT

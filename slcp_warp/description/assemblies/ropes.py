@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from ..inputs.checks import number, whole
-from ..inputs.errors import SceneError
-from .parts import Contact, Pair2, Shape
+from ...inputs.checks import number, whole
+from ...inputs.errors import SceneError
+from ..parts import Contact, Pair2, Shape
 
 
 def rope(

@@ -9,7 +9,7 @@ from oracle import Oracle
 import slcp_warp as slcp
 
 mujoco = pytest.importorskip("mujoco")
-HOPPER = pathlib.Path(__file__).parents[2] / "examples" / "scenes" / "hopper.xml"
+HOPPER = pathlib.Path(__file__).parents[3] / "examples" / "scenes" / "hopper.xml"
 FLIP = np.array([1, 1, 1, -1, 1, 1, 1, 1.0])  # the hip turns about +y
 
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from ..inputs.checks import instance, number, whole
-from ..inputs.errors import SceneError
-from .parts import Body, Contact, Shape
+from ...inputs.checks import instance, number, whole
+from ...inputs.errors import SceneError
+from ..parts import Body, Contact, Shape
 
 LIGHT = 1e-6  # of the pad's mass: its weight where g = 10 m/s^2, as a share of what the spring presses with
 # of its armature, which weighs nothing: by the force [s^2/m], to be pressed faster than smoothing feels, and

@@ -2,9 +2,9 @@
 
 import math
 
-from ..inputs.checks import array, number, shown
-from ..inputs.errors import SceneError
-from .parts import Pair2, Spring
+from ...inputs.checks import array, number, shown
+from ...inputs.errors import SceneError
+from ..parts import Pair2, Spring
 
 SHARE, SHORT = 1e-3, 1e-5  # of (M26): eps = length SHARE + SHORT
 

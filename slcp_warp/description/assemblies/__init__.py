@@ -1,0 +1,1 @@
+"""Parts that several parts of a scene make together: pins, ropes, brakes."""
