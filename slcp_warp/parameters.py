@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.device.tables import make_table
-from slcp_warp.kernels.structure import Layout, layout
+from slcp_warp.kernels.structure import RECTANGLE, RING, Layout, layout
 
 from .description.acting import BUILT, acting, parts_of
 from .description.columns import parameter_of, places_of, places_of_all
@@ -138,7 +138,25 @@ class Parameters(Printed):
                 both = values["radius"][..., i, :], values["corner_radius"][..., i]
                 label = f"corner_radius of {part.name!r}"
                 rules.check_corners(label, part.kind, *both, ParameterError)
+        self._check_rings(values)
         return self._with(values, self.requires_grad)
+
+    def _check_rings(self, values: Mapping[str, np.ndarray]) -> None:
+        """Raise ParameterError for a ring that is no larger than what is in it."""
+        shapes = self.scene.shapes
+        for pair in self.scene.structure.pairs:
+            for ring, other in ((pair.shape_a, pair.shape_b), (pair.shape_b, pair.shape_a)):
+                if shapes[ring].kind != RING:
+                    continue
+                size = values["radius"][..., other, 0]
+                if shapes[other].kind == RECTANGLE:
+                    size = values["corner_radius"][..., other]
+                size, hole = np.broadcast_arrays(size, values["radius"][..., ring, 0])
+                if (wrong := size >= hole).any():
+                    raise ParameterError(
+                        f"radius of {shapes[other].name!r} is {size[wrong].flat[0]:g}, and of ring "
+                        f"{shapes[ring].name!r} {hole[wrong].flat[0]:g}; what is in a ring is smaller"
+                    )
 
     def matching(self, other: "Parameters | None", worlds: int) -> "Parameters":
         """Other parameters of this scene, for a number of worlds; None: these.

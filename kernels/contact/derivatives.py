@@ -17,6 +17,7 @@ from ..factories import cached
 from ..mechanism.dynamics import make_mechanism
 from ..mechanism.kinematics import make_second
 from ..structure import REVOLUTE, Structure
+from .distance import CENTRE
 from .shapes import make_pair
 
 
@@ -54,7 +55,7 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
     V3, V4 = wp.types.vector(3, dtype), wp.types.vector(4, dtype)
     NV = s.nv
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
-    EPS = dtype(1e-12 if dtype is wp.float64 else 1e-6)
+    EPS, NOWHERE = dtype(1e-12 if dtype is wp.float64 else 1e-6), dtype(CENTRE)
     a, b, plane = p.body_a, p.body_b, p.plane
     jac_a, jac_b = mech.point_jacobian(a), mech.point_jacobian(b)
     second_a, second_b = make_second(s, a, dtype), make_second(s, b, dtype)
@@ -111,6 +112,8 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
             reach = wp.dot(n, g.delta)
             radius = reach + g.ha[2] + g.hb[2]
             floor = EPS * (wp.abs(g.ha[0]) + wp.abs(g.hb[0]) + wp.abs(reach)) + EPS
+            if wp.static(p.hollow):
+                floor = wp.where(wp.abs(radius) > floor, floor, NOWHERE)
             g.radius = wp.where(wp.abs(radius) > floor, radius, floor)
         if wp.static(plane or p.sided):
             if g.flat > 0:

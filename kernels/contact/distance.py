@@ -27,6 +27,7 @@ from .sided import make_core, make_sided, make_size
 
 SAMPLES = 12  # boundary points of either shape tried by the global search
 LOCAL_ITERATIONS = 12
+CENTRE = 1e30  # radius of turning of a normal at the centre of a ring, where it has no direction to turn from
 
 
 @cached

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..factories import cached
 from ..mechanism.kinematics import make_types
-from ..structure import CORNERS, DISC, HALFPLANE, RECTANGLE, SIDED, WALLS, WORLD, Structure, layout
+from ..structure import CORNERS, DISC, HALFPLANE, RECTANGLE, RING, SIDED, WALLS, WORLD, Structure, layout
 from .distance import make_distance, make_round_support
 from .sided import make_core, make_size
 
@@ -196,6 +196,7 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
         support_b=make_pair_support(radii_b, kind_b),
         plane=plane,
         sided=kind_a in SIDED,
+        hollow=kind_a == RING,
         flat=flat,
         body_a=s.shapes[a].body,
         body_b=s.shapes[b].body,

@@ -241,7 +241,11 @@ class Engine:
         """What a page needs once: shapes, widgets and where they stand."""
         scene, mechanism = self.worlds.subject.scene, self.worlds.mechanism
         shapes = [
-            {"kind": shape.kind, "body": shape.body, "radius": mechanism.size(s).tolist()}
+            {
+                "kind": "rope" if s in mechanism.ropes else shape.kind,
+                "body": shape.body,
+                "radius": mechanism.size(s).tolist(),
+            }
             for s, shape in enumerate(scene.structure.shapes)
         ]
         values = self.worlds.values

@@ -110,7 +110,7 @@ def catch(mechanism: Mechanism, q: np.ndarray, at: np.ndarray, height: float, wo
     centre, angle = mechanism.shapes(q[None])
     best, body = REACH * height, -1
     for s, shape in enumerate(mechanism.scene.structure.shapes):
-        if shape.body >= 0 and shape.kind != "halfplane":
+        if shape.body >= 0 and shape.kind != "halfplane" and s not in mechanism.ropes:
             away = _distance(shape.kind, mechanism.size(s), turn(-angle[0, s], at - centre[0, s]))
             best, body = (away, shape.body) if away < best else (best, body)
     origin, turned = mechanism.frames(q[None])

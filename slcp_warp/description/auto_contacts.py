@@ -42,25 +42,41 @@ def auto_contacts(
             `MOST_PAIRS`.
     """
     apart = _apart(bodies, excluded)
-    out: list[Contact] = []
+    out, idle = list[Contact](), dict[str, str]()
     for i, a in enumerate(shapes):
         for b in shapes[i + 1 :]:
-            if a.body == b.body or (a.kind in WALLS and b.kind in WALLS) or (a.body, b.body) in apart:
+            if a.body == b.body or (a.kind in WALLS and b.kind in WALLS):
                 continue
             if not (a.contype & b.conaffinity or b.contype & a.conaffinity):
+                continue
+            if (a.body, b.body) in apart:
+                idle |= {shape.name: other.name for shape, other in ((a, b), (b, a)) if shape.kind == RING}
                 continue
             _check_kinds(a, b, shapes)
             both = (
                 _larger(a.friction, b.friction, friction),
+                None if a.restitution == b.restitution == 0.0 else
                 _larger(a.restitution, b.restitution, restitution),
-            )
+            )  # fmt: skip
             out.append(Contact(a.name, b.name, *both))
         if len(out) > MOST_PAIRS:
             raise SceneError(
                 f"contacts 'auto' of {len(shapes)} shapes are more than {MOST_PAIRS:,} pairs, the most there "
                 "may be; leave some out by contype and conaffinity, or list those that can meet"
             )
+    _check_rings(out, idle)
     return tuple(out)
+
+
+def _check_rings(contacts: Sequence[Contact], idle: dict[str, str]) -> None:
+    """Raise SceneError for a ring that holds in nothing, but would what its joint or `excluded` keeps out."""
+    held = {name for contact in contacts for name in (contact.shape_a, contact.shape_b)}
+    for ring, other in idle.items():
+        if ring not in held:
+            raise SceneError(
+                f"contacts 'auto': ring {ring!r} holds in nothing: a joint, or excluded, keeps its body and "
+                f"that of {other!r} from touching; where a joint does, the lower body needs touches_parent=True"
+            )
 
 
 def _apart(bodies: Sequence[Body], excluded: Sequence[Names]) -> set[tuple[str | None, str | None]]:

@@ -99,7 +99,7 @@ class Shape:
         contype, conaffinity: under `contacts="auto"` two shapes may touch where the bits of one's contype
             and of the other's conaffinity have one in common, as in MuJoCo.
         corner_radius: of a rectangle's corners, within its size; 0: sharp [m].
-        restitution: as friction, in [0, 1]; see `Contact`.
+        restitution: as friction, in [0, 1]; see `Contact`. A pair of two shapes of 0 has none.
     """
 
     name: str

@@ -119,6 +119,7 @@ def _pairs(
         seen.add(frozenset((a, b)))
         _check_pair(c, structures[a], structures[b])
         _check_sharp(c, shapes[a], shapes[b])
+        _check_fits(c, shapes[a], shapes[b])
         has = c.friction is not None, c.restitution is not None
         pairs += [PairStructure(a, b, has[0], *ends, has[1]) for ends in contact_ends(shapes, c)]
     _check_pair_names(shapes, pairs)
@@ -228,6 +229,19 @@ def _check_sharp(contact: Contact, a: Shape, b: Shape) -> None:
         raise SceneError(
             f"contact {contact.shape_a!r} - {contact.shape_b!r}: both have sharp corners, and two points "
             "that touch have no normal; one of them needs a radius (of rectangles: corner_radius) > 0"
+        )
+
+
+def _check_fits(contact: Contact, a: Shape, b: Shape) -> None:
+    """Raise SceneError for a ring and what is no smaller."""
+    ring, other = (a, b) if a.kind == RING else (b, a)
+    if ring.kind != RING:
+        return
+    size = other.corner_radius if other.kind == RECTANGLE else radii(other)[0]
+    if size >= (hole := radii(ring)[0]):
+        raise SceneError(
+            f"contact {contact.shape_a!r} - {contact.shape_b!r}: {other.name!r} has a radius of {size}, and "
+            f"ring {ring.name!r} of {hole}; what is in a ring is smaller"
         )
 
 

@@ -88,7 +88,7 @@ def check_radius(label: str, kind: str, radius: np.ndarray, error: type[Argument
     different = radius[..., 0] != radius[..., 1]
     if kind in ("disc", "ring") and different.any():
         pair = tuple(np.atleast_2d(radius[different])[0].tolist())
-        raise error(f"{label} is {pair}; a {kind} has one radius, an ellipse two")
+        raise error(f"{label} is {pair}; a {kind} has one radius, both numbers of it; an ellipse has two")
 
 
 def check_corners(

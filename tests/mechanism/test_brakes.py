@@ -46,6 +46,17 @@ def test_it_holds_below_and_slides_above(law, strategy, dtype, holds):
     np.testing.assert_allclose(moves[2:] / fast, [[1, 1], [-1, -1]], atol=0.35 if law == "smoothed" else 4e-3)
 
 
+@pytest.mark.parametrize("law", ["hard", "coulomb"])
+def test_what_turns_fast_is_braked_as_much(law):
+    """At 1,000 rad/s the pad is lifted by 25 cm under Anitescu's friction, and presses the same."""
+    wheel = Body("wheel", 1.0, 0.01)
+    pad, shoes, rubs = slcp.brake(wheel, 0.05)
+    scene = Scene("wheel", (wheel, pad), shoes, (rubs,))
+    sim = slcp.Simulator(scene, LAWS[law], device="cpu", dtype="float64", strategy="specialised")
+    speed = sim.rollout(scene.state({"wheel.vangle": 1000.0}), steps=60).states[:, scene.nv]
+    np.testing.assert_allclose(speed[-1] - speed[10], -0.05 * 50, rtol=1e-4)
+
+
 def test_what_slides_comes_to_rest_in_time():
     """A wheel of 3 rad/s is braked by 5 rad/s^2, and then stays."""
     wheel = Body("wheel", 1.0, 0.01)

@@ -50,7 +50,7 @@ def test_every_parameter_is_the_worlds(name, tmp_path):
             try:
                 task, numbers, world = drawn(scene, {parameter: way})
             except slcp.InputError as error:
-                known = ("has no", "was built without", "size is not one number")
+                known = ("has no", "was built without", "size is not one number", "is a point")
                 assert any(words in str(error) for words in known)
                 continue
             slcp.save_task(scenario_of(task, numbers, world), tmp_path / "once.json")
@@ -222,3 +222,10 @@ def test_a_report_tells_one_draw_as_one(tmp_path):
     again = slcp.load_task(tmp_path / "push.json")
     assert again.disturbances == task.disturbances
     np.testing.assert_array_equal(table(again, 5), table(task, 5))
+
+
+def test_points_become_discs_by_their_own_name_alone():
+    shapes, contact = slcp.rope("rope", None, "bob", 0.5)
+    hung = slcp.Scene("hung", (slcp.Body("bob", 1.0, 0.01, joint="free"),), shapes, (contact,))
+    with pytest.raises(slcp.ArgumentError, match="'rope_end' is a point, which only its own name"):
+        drawn(hung, {"radius": slcp.Uniform(0.5, 0.6)})

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ...contact.distance import make_distance, make_round_support
+from ...contact.distance import CENTRE, make_distance, make_round_support
 from ...factories import cached
 from ...structure import CAPSULE, DISC, ELLIPSE, RECTANGLE, RING
 from ..contact import make_contact
@@ -42,7 +42,7 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
     of_ellipse, of_capsule = make_round_support(ELLIPSE, dtype), make_round_support(CAPSULE, dtype)
     of_rectangle, of_ring = make_round_support(RECTANGLE, dtype), make_round_support(RING, dtype)
     where, where_block = (make_distance(kind, DISC, dtype).flat for kind in (CAPSULE, RECTANGLE))
-    ZERO, HALF, ONE, EPS = dtype(0.0), dtype(0.5), dtype(1.0), dtype(1e-12)
+    ZERO, HALF, ONE, EPS, NOWHERE = dtype(0.0), dtype(0.5), dtype(1.0), dtype(1e-12), dtype(CENTRE)
 
     @wp.func
     def moved(t: wp.ref[Topology], k: wp.ref[Slot], b: int, at: int, side: int, p: V4):
@@ -106,6 +106,8 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
         ha, flat = touched_a(t, k, pair, pa, pb, n)
         radius = reach + ha[2] + hb[2]
         floor = EPS * (wp.abs(ha[0]) + wp.abs(hb[0]) + wp.abs(reach)) + EPS
+        if t.pair_kind[pair] == HOLLOW:
+            floor = wp.where(wp.abs(radius) > floor, floor, NOWHERE)
         radius = wp.where(wp.abs(radius) > floor, radius, floor)
         if flat > 0:
             ha = V4(ha[0], n[0] * dy - n[1] * dx - hb[1], ha[2], ha[3])

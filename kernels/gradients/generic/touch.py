@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ...contact.distance import make_distance, make_round_support
+from ...contact.distance import CENTRE, make_distance, make_round_support
 from ...contact.sided import make_core
 from ...factories import cached
 from ...generic.contact import make_contact
@@ -62,7 +62,7 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
     RADIUS, CORNER, OFFSET, ANGLE = (
         z.COLUMN[n] for n in ("radius", "corner_radius", "shape_offset", "shape_angle")
     )
-    ZERO, ONE, EPS = wp.float64(0.0), wp.float64(1.0), wp.float64(LEAST)
+    ZERO, ONE, EPS, NOWHERE = wp.float64(0.0), wp.float64(1.0), wp.float64(LEAST), wp.float64(CENTRE)
     disc, ellipse, capsule, rectangle, ring = (
         make_round_support(kind, wp.float64) for kind in (DISC, ELLIPSE, CAPSULE, RECTANGLE, RING)
     )
@@ -109,6 +109,8 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
             curvature = reach + ha[2] + hb[2]
             floor = EPS * (wp.abs(ha[0]) + wp.abs(hb[0]) + wp.abs(reach)) + EPS
             out.curvature = wp.where(wp.abs(curvature) > floor, curvature, floor)
+            if t.pair_kind[pair] == HOLLOW and wp.abs(curvature) <= floor:
+                out.curvature = NOWHERE
         out.n = n
         out.pa = pa
         out.pb = pb

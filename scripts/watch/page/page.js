@@ -155,6 +155,7 @@ function world(c, i) {
 function outline(c, shape) {
   const [a, b, corner] = shape.radius;
   c.beginPath();
+  if (shape.kind === "rope") return;  // a line is
   if (shape.kind === "halfplane") c.rect(-60, -60, 60, 120);
   else if (shape.kind === "capsule") { c.arc(b, 0, a, -Math.PI / 2, Math.PI / 2); c.arc(-b, 0, a, Math.PI / 2, 1.5 * Math.PI); c.closePath(); }
   else if (shape.kind === "rectangle") c.roundRect(-a, -b, 2 * a, 2 * b, corner);

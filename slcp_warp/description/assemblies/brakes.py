@@ -13,7 +13,7 @@ LIGHT = 1e-6  # of the pad's mass: its weight where g = 10 m/s^2, as a share of 
 # of its armature, which weighs nothing: by the force [s^2/m], to be pressed faster than smoothing feels, and
 # at least as a share of the body's mass, which single precision needs
 INERT, LEAST = 1e-4, 1e-5
-FAR = 1e3  # the spring's rest position, in lengths that the pad could move: it presses alike wherever that is
+FAR = 1e6  # the spring's rest position, in lengths that the pad could move: it presses alike wherever that is
 
 
 def brake(
@@ -66,6 +66,6 @@ def brake(
         lining = Shape(names[0], pad.name, "disc", radius)
         rim = Shape(names[1], body.name, "halfplane", angle=heading - body.angle)
     if bit:
-        alone: dict[str, Any] = {"contype": bit, "conaffinity": bit, "friction": friction}
+        alone: dict[str, Any] = {"contype": bit, "conaffinity": bit, "friction": friction, "restitution": 0.0}
         lining, rim = (dataclasses.replace(shape, **alone) for shape in (lining, rim))
     return pad, (lining, rim), Contact(lining.name, rim.name, friction)

@@ -28,15 +28,15 @@ def rope(
         body_a, body_b: names of bodies, or None for the world.
         length: [m], > 0.
         point_a, point_b: where it is tied, in the frame of their body [m].
-        bit: under `contacts="auto"` a bit of contype that no other shape has, by which both find each other;
-            0: the contact stands in a scene's list.
+        bit: under `contacts="auto"` a bit of contype that no other shape has, by which both find each other,
+            unless a joint ties their bodies (`Body.touches_parent`); 0: the contact stands in a scene's list.
     """
     number("length", length, 0.0, above=True, error=SceneError)
     whole("bit", bit, 0, error=SceneError)
     mine, its = dict[str, Any](), dict[str, Any]()
     if bit:
-        mine = {"friction": 0.0, "contype": bit, "conaffinity": 0}
-        its = {"friction": 0.0, "contype": 0, "conaffinity": bit}
+        smooth = {"friction": 0.0, "restitution": 0.0}
+        mine, its = smooth | {"contype": bit, "conaffinity": 0}, smooth | {"contype": 0, "conaffinity": bit}
     rim = Shape(name, body_a, "ring", length, point_a, **mine)
     end = Shape(f"{name}_end", body_b, "disc", 0.0, point_b, **its)
     return (rim, end), Contact(rim.name, end.name)

@@ -28,7 +28,7 @@ class Drawing:
             order = 1 if shape.kind == "halfplane" else 2
             patch: Any = Polygon(
                 np.zeros((3, 2)), facecolor=face, edgecolor=BLACK, linewidth=EDGE, zorder=order, alpha=alpha,
-                visible=not (ghost and shape.body < 0),
+                visible=not (ghost and shape.body < 0) and s not in mechanism.ropes,
             )  # fmt: skip
             ax.add_patch(patch)
             self.patches.append(patch)

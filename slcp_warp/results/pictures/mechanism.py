@@ -1,5 +1,6 @@
 """Where a planar mechanism's shapes, links and springs are at given coordinates, in plain NumPy."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,9 +57,20 @@ class Mechanism:
             centre[:, s] = offset
         return centre, angles
 
+    @functools.cached_property
+    def ropes(self) -> dict[int, int]:
+        """Rings that hold in nothing but a point, without friction, by the shape of that point."""
+        structure, found = self.scene.structure, dict[int, list[int]]()
+        for pair in structure.pairs:
+            for ring, other in ((pair.shape_a, pair.shape_b), (pair.shape_b, pair.shape_a)):
+                if structure.shapes[ring].kind == "ring":
+                    point = structure.shapes[other].kind == "disc" and not self.params["radius"][other].any()
+                    found.setdefault(ring, []).append(other if point and not pair.friction else -1)
+        return {ring: others[0] for ring, others in found.items() if len(others) == 1 and others[0] >= 0}
+
     def links(self, q: np.ndarray) -> list[np.ndarray]:
         """Lines (T, 2, 2) that show how bodies hang together: from joint to joint, to shapes, or to the
-        tip of a body that has neither.
+        tip of a body that has neither; and ropes.
         """
         origin, angle = self.frames(q)
         centre, _ = self.shapes(q)
@@ -66,7 +78,9 @@ class Mechanism:
         for b, body in enumerate(structure.bodies):
             ends = [origin[:, i] for i, other in enumerate(structure.bodies) if other.parent == b]
             own = [
-                s for s, shape in enumerate(structure.shapes) if shape.body == b and shape.kind != "halfplane"
+                s
+                for s, shape in enumerate(structure.shapes)
+                if shape.body == b and shape.kind != "halfplane" and s not in self.ropes
             ]
             if len(own) < HULL and (ends or body.joint != "free"):
                 ends += [centre[:, s] for s in own]
@@ -74,6 +88,7 @@ class Mechanism:
                 com = np.tile(self.params["com"][b], (len(q), 1))
                 ends = [origin[:, b] + 2.0 * turn(angle[:, b], com)]  # a uniform rod's tip
             lines += [np.stack([origin[:, b], end], axis=1) for end in ends]
+        lines += [np.stack([centre[:, a], centre[:, b]], axis=1) for a, b in self.ropes.items()]
         return lines
 
     def hulls(self, q: np.ndarray) -> dict[int, np.ndarray]:
@@ -121,7 +136,7 @@ class Mechanism:
         structure = self.scene.structure
         points = [line.reshape(-1, 2) for line in self.links(q)]
         for s, shape in enumerate(structure.shapes):
-            if shape.kind != "halfplane":
+            if shape.kind != "halfplane" and s not in self.ropes:
                 radius = self.params["radius"][s]
                 reach = {"capsule": radius.sum(), "rectangle": np.hypot(*radius)}.get(
                     shape.kind, radius.max()

@@ -146,7 +146,7 @@ def _is_one_size(scene: Scene, key: str, places: Sequence[int]) -> bool:
 
 def _check_one_number(scene: Scene, key: str, places: Sequence[int], drawn: Distribution) -> None:
     """Raise ArgumentError for sizes that take a uniform number where one does not say them."""
-    _, name, component = parameter_of(key)
+    part, name, component = parameter_of(key)
     if name != "radius" or component is not None or not isinstance(drawn, Uniform):
         return
     _, start, _ = column_of(scene, places[0])
@@ -156,6 +156,11 @@ def _check_one_number(scene: Scene, key: str, places: Sequence[int], drawn: Dist
             raise ArgumentError(
                 f"Disturbances.parameters[{key!r}] is {shown(drawn)}; {shape.name!r} is a {shape.kind}, "
                 f"whose size is not one number{one}"
+            )
+        if not part and not np.any(shape.radius):
+            raise ArgumentError(
+                f"Disturbances.parameters[{key!r}] is {shown(drawn)}; {shape.name!r} is a point, which only "
+                f"its own name, '{shape.name}.radius', makes a disc"
             )
 
 

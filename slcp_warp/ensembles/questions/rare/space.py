@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.kernels.structure import WALLS
+
 from ....inputs.checks import choice, number, shown
 from ....inputs.errors import ArgumentError, ArgumentTypeError
 from ....tasks.disturbances import Disturbances, Normal, Push, Uniform
@@ -129,7 +131,7 @@ def _push(task: Task, time: float | None, body: str | None, duration: float | No
 def _end(task: Task, body: str) -> tuple[float, float] | None:
     """The end of a body's first shape along its first axis, where a hand would take it."""
     for shape in task.scene.shapes:
-        if shape.body == body and shape.kind != "halfplane":
+        if shape.body == body and shape.kind not in WALLS:
             radii = np.ravel(shape.radius)
             reach = float(radii.sum()) if shape.kind == "capsule" else float(radii[0])
             x, y = shape.offset
