@@ -75,7 +75,7 @@ def _check_rings(contacts: Sequence[Contact], idle: dict[str, str]) -> None:
         if ring not in held:
             raise SceneError(
                 f"contacts 'auto': ring {ring!r} holds in nothing: a joint, or excluded, keeps its body and "
-                f"that of {other!r} from touching; where a joint does, the lower body needs touches_parent=True"
+                f"that of {other!r} from touching; where a joint does, touches_parent=True lets them"
             )
 
 

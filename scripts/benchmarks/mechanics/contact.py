@@ -184,11 +184,11 @@ def touch(a: Placed, b: Placed, directions: int = DIRECTIONS, choice: int = 0) -
         pa, pb = (foot, point) if side > 0.0 else (point, foot)
         return side * out, gap, pa, pb, infinite, infinite
     if "ring" in (a.kind, b.kind):
-        first, second = (a, b) if a.kind == "ring" else (b, a)
-        n, gap, outer, inner = _around(first, second)
         radius = np.linalg.norm(b.at - a.at, axis=-1)
-        return (n, gap, outer, inner, infinite, radius) if first is a else (
-            -n, gap, inner, outer, infinite, radius)  # fmt: skip
+        if a.kind == "ring":
+            return *_around(a, b), infinite, radius
+        n, gap, outer, inner = _around(b, a)
+        return -n, gap, inner, outer, infinite, radius
     if "ellipse" not in (a.kind, b.kind):
         n, gap = nearest(a, b)
         first, second = (side.corner if side.kind == "rectangle" else side.a for side in (a, b))

@@ -1,7 +1,6 @@
 """How every number of a world is drawn: a row of columns, each with its law and its address."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,7 +87,8 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
     # what is said of one part, or one component, counts
     for key in sorted(given, key=lambda key: (*_precision(key), -len(found[key]))):
         drawn, places = given[key], found[key]
-        first = _first(scene, places, drawn.shared)
+        joined = list(leader.values()).count(leader[key]) > 1
+        first = _first(scene, places, joined or drawn.shared)
         if leader[key] != key:
             first = _led(scene, key, places, leader[key], found[leader[key]])
         alone = _is_one_size(scene, leader[key], found[leader[key]])
@@ -121,8 +121,6 @@ def _by_name(given: Mapping[str, Distribution]) -> tuple[dict[str, Distribution]
                     f"Disturbances.parameters has {name!r} twice; one law of a name is needed"
                 )
             out[name], leader[name] = drawn, several[0]
-            if len(several) > 1 and drawn.shared is not True:
-                out[name] = replace(drawn, shared=True)
     return out, leader
 
 
