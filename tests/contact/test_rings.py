@@ -154,6 +154,20 @@ def test_a_rope_of_two_bodies_keeps_their_momenta():
     assert traj.gap.min() > -1e-3 and (np.abs(traj.gap) < 1e-4).any()
 
 
+def test_what_a_light_mass_between_loaded_ropes_bears():
+    """What docs/do/scene.md says: a bead of 10 g, h = .01, swings across as fast as 2/h with 2.04 kg below."""
+    bodies = (Body("bead", 0.01, 1e-6, joint="free"), Body("load", 1.0, 0.01, joint="free"))
+    (upper, one), (lower, two) = (
+        slcp.rope(name, *ends, 0.1) for name, ends in (("up", (None, "bead")), ("low", ("bead", "load")))
+    )
+    scene = Scene("plumb", bodies, (*upper, *lower), (one, two))
+    sim = simulator(scene)
+    x0 = np.tile(scene.state({"bead.y": -0.1, "load.y": -0.2, "bead.x": 1e-6}), (2, 1))
+    traj = sim.rollout(x0, np.zeros((2, 300, 0)), sim.params.replace(**{"load.mass": np.array([2.0, 2.5])}))
+    aside = np.abs(traj.states[:, :, 0]).max(axis=1)
+    assert aside[0] < 1e-4 and aside[1] > 0.1
+
+
 @pytest.mark.parametrize("strategy", ["generic", "specialised"])
 def test_steps_from_the_centre_are_finite(strategy):
     """There is no direction from a ring's centre, nor derivatives of one; far from the rim none counts."""
