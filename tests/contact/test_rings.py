@@ -155,7 +155,7 @@ def test_a_rope_of_two_bodies_keeps_their_momenta():
 
 
 def test_what_a_light_mass_between_loaded_ropes_bears():
-    """As docs/do/scene.md says: a bead of 10 g swings across as fast as 2/h with 2.04 kg below it, h = .01."""
+    """As docs/do/scene.md says: a bead of 10 g swings across as fast as 2/h with 2.04 kg below, h = .01."""
     bodies = (Body("bead", 0.01, 1e-6, joint="free"), Body("load", 1.0, 0.01, joint="free"))
     (upper, one), (lower, two) = (
         slcp.rope(name, *ends, 0.1) for name, ends in (("up", (None, "bead")), ("low", ("bead", "load")))
