@@ -259,7 +259,7 @@ def test_friction_is_drawn_by_pairs_of_shapes_once_or_by_pairs_of_bodies(shared)
         (lambda: slcp.Disturbances(parameters={"gravity": slcp.Uniform(1, 2)}), "gravity takes log-normal"),
         (
             lambda: disturbed(parameters={"radius": slcp.Uniform(0.1, 0.2)}),
-            "is a halfplane, whose size is not one",
+            "whose size is not one|is a point",
         ),
         (lambda: slcp.Disturbances(parameters={"pusher.radius": slcp.Uniform(0, 1)}), "positive numbers are"),
         (lambda: slcp.Disturbances(parameters={"com": 0.1}), "com takes normal or uniform"),

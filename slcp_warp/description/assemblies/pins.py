@@ -2,9 +2,10 @@
 
 import math
 
-from ...inputs.checks import array, number, shown
+from ...inputs.checks import number, shown
 from ...inputs.errors import SceneError
 from ..parts import Pair2, Spring
+from .ends import body_of, point_of
 
 SHARE, SHORT = 1e-3, 1e-5  # of (M26): eps = length SHARE + SHORT
 
@@ -45,18 +46,14 @@ def pin(
     Raises:
         SceneError: an argument of another kind or size, or two points of one body.
     """
-    if body_a == body_b:
+    if body_of("body_a", body_a) == body_of("body_b", body_b):
         raise SceneError(
             f"body_a and body_b are {shown(body_a)}; a pin needs two bodies, or a body and the world (None)"
         )
-    at, its = (
-        array(f"point_{end}", point, (2,), error=SceneError)
-        for end, point in (("a", point_a), ("b", point_b))
-    )
+    (x, y), other = point_of("point_a", point_a), point_of("point_b", point_b)
     number("stiffness", stiffness, 0.0, above=True, error=SceneError)
     number("damping", damping, 0.0, error=SceneError)
     length = _length_that_is(number("arm", arm, 0.0, above=True, error=SceneError))
-    (x, y), other = at.tolist(), (float(its[0]), float(its[1]))
     return (
         Spring(body_a, body_b, (x + arm, y), other, stiffness, damping, length),
         Spring(body_a, body_b, (x, y + arm), other, stiffness, damping, length),

@@ -2,9 +2,10 @@
 
 from typing import Any
 
-from ...inputs.checks import number, whole
+from ...inputs.checks import number, shown, whole
 from ...inputs.errors import SceneError
 from ..parts import Contact, Pair2, Shape
+from .ends import body_of, point_of
 
 
 def rope(
@@ -31,6 +32,10 @@ def rope(
         bit: under `contacts="auto"` a bit of contype that no other shape has, by which both find each other,
             unless a joint ties their bodies (`Body.touches_parent`); 0: the contact stands in a scene's list.
     """
+    if not (isinstance(name, str) and name):
+        raise SceneError(f"name is {shown(name)}; a name is needed")
+    body_a, body_b = body_of("body_a", body_a), body_of("body_b", body_b)
+    point_a, point_b = point_of("point_a", point_a), point_of("point_b", point_b)
     number("length", length, 0.0, above=True, error=SceneError)
     whole("bit", bit, 0, error=SceneError)
     mine, its = dict[str, Any](), dict[str, Any]()
