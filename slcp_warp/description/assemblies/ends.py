@@ -11,7 +11,7 @@ def body_of(label: str, value: Any) -> str | None:
     """The name of a body, or None for the world; anything else is a SceneError."""
     if value is None or (isinstance(value, str) and value):
         return value
-    raise SceneError(f"{label} is {shown(value)}; the name of a body, or None for the world, is needed")
+    raise SceneError(f"{label} is {shown(value)}; a name, or None for the world, is needed")
 
 
 def point_of(label: str, value: Any) -> Pair2:
