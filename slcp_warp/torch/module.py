@@ -1,7 +1,7 @@
 """A rollout as a `torch.nn.Module` with learnable physical parameters."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -21,7 +21,10 @@ def _first(sim: Simulator, name: str) -> np.ndarray:
     Raises:
         ParameterError: an unknown name, parts that differ, or parts of several numbers.
     """
-    value = np.asarray(sim.params[name])
+    try:
+        value = np.asarray(sim.params[name])
+    except ParameterError as error:
+        raise ParameterError(f"learn names {name!r}: {error}") from None
     if "." not in name or not value.ndim:
         return value
     _, whole, component = parameter_of(name)
@@ -60,14 +63,19 @@ class Rollout(torch.nn.Module):
         self.sim: Simulator = instance("sim", sim, Simulator, "a slcp_warp.Simulator")
         self.checkpoint = None if checkpoint is None else whole("checkpoint", checkpoint)
         learn = (learn,) if isinstance(learn, str) else learn
-        parts = [n for n in learn if isinstance(n, str) and "." in n] if isinstance(learn, Collection) else []
+        several = isinstance(learn, list | tuple | set | frozenset)
+        parts = [n for n in learn if isinstance(n, str) and "." in n] if several else []
         known = (*sim.params.names, *parts)
         learn = names("learn", learn, known, error=ParameterError)
         dtype, device = getattr(torch, sim.dtype.__name__), wp.device_to_torch(sim.device)
         self._names = {n.replace(".", ":"): n for n in learn}  # PyTorch takes no dots
         if len(self._names) < len(set(learn)):
             raise ParameterError(f"learn names {shown(learn)}; two of them are the same but for . and :")
-        self._log = set(names("log", (log,) if isinstance(log, str) else log, learn, error=ParameterError))
+        self._log = set(names("log", log, known, error=ParameterError))
+        if not self._log <= set(learn):
+            raise ParameterError(
+                f"log names {shown(sorted(self._log - set(learn)))}, which learn does not name"
+            )
         first = {
             key: torch.tensor(self._begin(n), dtype=dtype, device=device) for key, n in self._names.items()
         }

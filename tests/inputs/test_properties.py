@@ -260,7 +260,7 @@ with contextlib.suppress(ImportError):
         "torch.step": (
             slcp_torch.step, {"sim": sim(), "x": TENSORS["x0"]},
             {"x": ("x0",), "params": ("mass", "parameter")}),
-        "torch.Rollout": (slcp_torch.Rollout, {"sim": sim(), "learn": ("mass",)}, {}),
+        "torch.Rollout": (slcp_torch.Rollout, {"sim": sim(), "learn": ("mass",), "log": ("mass",)}, {}),
     }  # fmt: skip
 
 
