@@ -11,9 +11,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ..linear.many import make_many
 from ..topology import Topology
 from ..work import WORK, Lanes, Slot
-from .many import make_many
 from .tables import Slopes
 
 FAR = 1e6  # dv' beside what its bodies and rows ask by themselves; of proper ones 1e4 was the most

@@ -12,12 +12,12 @@ import warp as wp
 
 from ...factories import cached
 from ..linear.envelope import make_envelope
+from ..linear.many import make_many
 from ..newton import make_newton
 from ..topology import Topology
 from ..work import ISLANDS, V3, WORK, Lanes, Slot
 from .asked import make_asked
 from .kinks import make_kinks
-from .many import make_many
 from .matrix import make_matrix
 from .slips import make_slips
 from .tables import Slopes
