@@ -13,14 +13,12 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ...contact.distance import CENTRE, make_distance, make_round_support
 from ...factories import cached
-from ...structure import CAPSULE, DISC, ELLIPSE, RECTANGLE, RING
-from ..contact import make_contact
 from ..mechanism import make_mechanism
-from ..topology import BLOCK, HOLLOW, LONG, MOVES_A, MOVES_B, PLANE, TURN, Topology
+from ..topology import MOVES_A, MOVES_B, TURN, Topology
 from ..work import WORK, Slot
 from .tables import OfContact, Slopes
+from .touched import make_touched
 
 ALONG, ACROSS, ALPHA, SUPPORT_A, SUPPORT_B, SHIFT_A, SHIFT_B, JAC_A, JAC_B, TURNS_A, TURNS_B = (
     *range(8), 9, 11, 12,
@@ -37,12 +35,8 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
     dtype = WORK
     V2, V3, V4 = wp.types.vector(2, dtype), wp.types.vector(3, dtype), wp.types.vector(4, dtype)
     column = make_mechanism(given).column
-    contact = make_contact(given, residual)
-    pose_a, pose_b, radii_a, radii_b = contact.pose_a, contact.pose_b, contact.radii_a, contact.radii_b
-    of_ellipse, of_capsule = make_round_support(ELLIPSE, dtype), make_round_support(CAPSULE, dtype)
-    of_rectangle, of_ring = make_round_support(RECTANGLE, dtype), make_round_support(RING, dtype)
-    where, where_block = (make_distance(kind, DISC, dtype).flat for kind in (CAPSULE, RECTANGLE))
-    ZERO, HALF, ONE, EPS, NOWHERE = dtype(0.0), dtype(0.5), dtype(1.0), dtype(1e-12), dtype(CENTRE)
+    touched = make_touched(given, residual)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
 
     @wp.func
     def moved(t: wp.ref[Topology], k: wp.ref[Slot], b: int, at: int, side: int, p: V4):
@@ -67,27 +61,6 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
         return beyond
 
     @wp.func
-    def touched_a(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, pa: V4, pb: V4, n: V2):
-        """Support of A, and where B touches it."""
-        ra = radii_a(t, k, pair)
-        ha = V4()
-        flat = int(0)
-        if t.pair_kind[pair] == PLANE:
-            flat = 1
-        elif t.pair_kind[pair] == LONG:
-            ha = of_capsule(ra, pa, n)
-            flat = where(ra, pa, pb)
-        elif t.pair_kind[pair] == BLOCK:
-            size = contact.size(t, k, t.pair_a[pair])
-            ha = of_rectangle(size, pa, n)
-            flat = where_block(size, pa, pb)
-        elif t.pair_kind[pair] == HOLLOW:
-            ha = of_ring(ra, pa, n)
-        else:
-            ha = of_ellipse(ra, pa, n)
-        return ha, flat
-
-    @wp.func
     def prepare(
         t: wp.ref[Topology],
         k: wp.ref[Slot],
@@ -96,39 +69,25 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
         pair: int,
         start: int,
     ):
-        pa = pose_a(t, k, pair)
-        pb = pose_b(t, k, pair)
-        n = k.normal[pair]
-        dx = pb[0] - pa[0]
-        dy = pb[1] - pa[1]
-        reach = n[0] * dx + n[1] * dy
-        hb = of_ellipse(radii_b(t, k, pair), pb, n)
-        ha, flat = touched_a(t, k, pair, pa, pb, n)
-        radius = reach + ha[2] + hb[2]
-        floor = EPS * (wp.abs(ha[0]) + wp.abs(hb[0]) + wp.abs(reach)) + EPS
-        if t.pair_kind[pair] == HOLLOW:
-            floor = wp.where(wp.abs(radius) > floor, floor, NOWHERE)
-        radius = wp.where(wp.abs(radius) > floor, radius, floor)
-        if flat > 0:
-            ha = V4(ha[0], n[0] * dy - n[1] * dx - hb[1], ha[2], ha[3])
-        if flat == 1:
-            ha = V4(ha[0], ha[1], ZERO, ZERO)
+        g = touched(t, k, pair)
+        n = g.n
+        reach = n[0] * (g.pb[0] - g.pa[0]) + n[1] * (g.pb[1] - g.pa[1])
         first = t.pair_start[pair]
         for at in range(first, t.pair_start[pair + 1]):
-            ja = moved(t, k, b, at, MOVES_A, pa)
-            jb = moved(t, k, b, at, MOVES_B, pb)
+            ja = moved(t, k, b, at, MOVES_A, g.pa)
+            jb = moved(t, k, b, at, MOVES_B, g.pb)
             x = jb[0] - ja[0]
             y = jb[1] - ja[1]
             along = n[0] * y - n[1] * x
-            change = normal_by_q(flat, ha, hb, radius, reach, along, ja[2], jb[2])
+            change = normal_by_q(g.flat, g.ha, g.hb, g.curvature, reach, along, ja[2], jb[2])
             e = OfContact()
             e[wp.static(ALONG)] = along
             e[wp.static(ACROSS)] = n[0] * x + n[1] * y
             e[wp.static(ALPHA)] = change[0]
             e[wp.static(SUPPORT_A)] = change[1]
             e[wp.static(SUPPORT_B)] = change[2]
-            e[wp.static(SHIFT_A)] = ha[1] * (change[0] - ja[2])
-            e[wp.static(SHIFT_B)] = hb[1] * (change[0] - jb[2])
+            e[wp.static(SHIFT_A)] = g.ha[1] * (change[0] - ja[2])
+            e[wp.static(SHIFT_B)] = g.hb[1] * (change[0] - jb[2])
             e[wp.static(JAC_A)] = ja[0]
             e[wp.static(JAC_A + 1)] = ja[1]
             e[wp.static(JAC_B)] = jb[0]
@@ -136,7 +95,7 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
             e[wp.static(TURNS_A)] = ja[2]
             e[wp.static(TURNS_B)] = jb[2]
             d.of_contact[b, start + at - first] = e
-        return V4(n[0], n[1], ha[1], hb[1])
+        return V4(n[0], n[1], g.ha[1], g.hb[1])
 
     @wp.func
     def force(n: V2, fn: dtype, ft: dtype):

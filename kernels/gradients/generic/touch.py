@@ -7,32 +7,18 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ...contact.distance import CENTRE, make_distance, make_round_support
 from ...contact.sided import make_core
 from ...factories import cached
 from ...generic.contact import make_contact
+from ...generic.derivatives.touched import Touch, make_touched
 from ...generic.topology import BLOCK, HOLLOW, LONG, PLANE, ROUND, Topology
 from ...generic.work import Slot
-from ...structure import CAPSULE, DISC, ELLIPSE, RECTANGLE, RING, WORLD
+from ...structure import WORLD
 from ..contact import make_answer
 from .room import View
 from .twists import make_twists, perp
 
 V2, V4 = wp.types.vector(2, wp.float64), wp.types.vector(4, wp.float64)
-LEAST = 1e-12  # of the curvature of a distance
-
-
-@wp.struct
-class Touch:
-    """Where the shapes of a pair are and what their supports are at the normal."""
-
-    n: V2
-    pa: V4
-    pb: V4
-    ha: V4  # h and its derivatives by the normal's angle
-    hb: V4
-    curvature: wp.float64
-    flat: int  # 1: A is a half-plane, or touched beside one of its sides; 2: by an end of one
 
 
 @wp.struct
@@ -62,62 +48,8 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
     RADIUS, CORNER, OFFSET, ANGLE = (
         z.COLUMN[n] for n in ("radius", "corner_radius", "shape_offset", "shape_angle")
     )
-    ZERO, ONE, EPS, NOWHERE = wp.float64(0.0), wp.float64(1.0), wp.float64(LEAST), wp.float64(CENTRE)
-    disc, ellipse, capsule, rectangle, ring = (
-        make_round_support(kind, wp.float64) for kind in (DISC, ELLIPSE, CAPSULE, RECTANGLE, RING)
-    )
-    where, where_block = (make_distance(kind, DISC, wp.float64).flat for kind in (CAPSULE, RECTANGLE))
+    ZERO, ONE = wp.float64(0.0), wp.float64(1.0)
     core = make_core(wp.float64)
-
-    @wp.func
-    def support(radii: V2, pose: V4, n: V2, end: int):
-        if end != 0:
-            return disc(radii, pose, n)
-        return ellipse(radii, pose, n)
-
-    @wp.func
-    def touch(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
-        out = Touch()
-        n = k.normal[pair]
-        pa = contact.pose_a(t, k, pair)
-        pb = contact.pose_b(t, k, pair)
-        ra = contact.radii_a(t, k, pair)
-        hb = support(contact.radii_b(t, k, pair), pb, n, t.pair_ends[2 * pair + 1])
-        ha = V4()
-        flat = int(0)
-        if t.pair_kind[pair] == PLANE:
-            flat = 1
-        elif t.pair_kind[pair] == LONG:
-            ha = capsule(ra, pa, n)
-            flat = where(ra, pa, pb)
-        elif t.pair_kind[pair] == BLOCK:
-            size = contact.size(t, k, t.pair_a[pair])
-            ha = rectangle(size, pa, n)
-            flat = where_block(size, pa, pb)
-        elif t.pair_kind[pair] == HOLLOW:
-            ha = ring(ra, pa, n)
-        else:
-            ha = support(ra, pa, n, t.pair_ends[2 * pair])
-        delta = V2(pb[0] - pa[0], pb[1] - pa[1])
-        reach = wp.dot(n, delta)
-        out.curvature = ONE
-        if flat > 0:
-            ha = V4(ha[0], wp.dot(perp(n), delta) - hb[1], ha[2], ha[3])
-        if flat == 1:
-            ha = V4(ha[0], ha[1], ZERO, ZERO)
-        if flat != 1:
-            curvature = reach + ha[2] + hb[2]
-            floor = EPS * (wp.abs(ha[0]) + wp.abs(hb[0]) + wp.abs(reach)) + EPS
-            out.curvature = wp.where(wp.abs(curvature) > floor, curvature, floor)
-            if t.pair_kind[pair] == HOLLOW and wp.abs(curvature) <= floor:
-                out.curvature = NOWHERE
-        out.n = n
-        out.pa = pa
-        out.pb = pb
-        out.ha = ha
-        out.hb = hb
-        out.flat = flat
-        return out
 
     @wp.func
     def lever(k: wp.ref[Slot], body: int, pose: V4):
@@ -257,4 +189,4 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
         radii_back(t, k, w, o, end_b, discs[o], ROUND, 0, g.pb, g.n, out.support_b)
         return wp.dot(tangent, y.vm) - g.ha[0] * y.turn_a[2] - g.hb[0] * y.turn_b[2]
 
-    return SimpleNamespace(touch=touch, slip=slip, include=include, settle=settle)
+    return SimpleNamespace(touch=make_touched(given, residual), slip=slip, include=include, settle=settle)
