@@ -15,6 +15,7 @@ from .active_set import make_active_set
 from .interior import MAX_ITERATIONS, make_interior
 from .judge.digits import make_digits
 from .judge.earned import make_earned
+from .judge.least import make_least
 from .judge.scales import make_scales
 from .linear.held import make_held
 from .linear.pivots import SOFTENED, make_pivots
@@ -75,16 +76,15 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     dtype = WORK
     nt = make_newton(given, residual)
     inner = make_interior(given, residual)
-    earned = make_earned(given, residual)
+    earned, least = make_earned(given, residual), make_least(given, residual)
     scales, digits = make_scales(given, residual), make_digits(given, residual)
     hard = residual == "hard"
-    exact = make_active_set(given)
+    exact, kept = make_active_set(given), make_kept(given, residual)
     follow = make_pivots(given) if hard else None
     held = None if hard else make_held(given, residual)
-    kept = make_kept(given, residual)
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
     ZERO, HALF, LESS = dtype(0.0), dtype(0.5), dtype(GAIN[hard])
-    GOOD, MORE = nt.GOOD, earned.MORE
+    GOOD, MORE = nt.GOOD, least.MORE
     AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
     SHORTER, SHORTEST = dtype(0.3), dtype(0.02)  # of a step of Newton's method
     TINY, HUGE, REST = dtype(1e-30), dtype(1e300), dtype(RESTS)
@@ -112,7 +112,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def from_nothing(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Before rows yield first: no impulse is expected, and no rounding forgiven."""
-        earned.see_all(t, k, o)
+        least.see_all(t, k, o)
         for r in range(o.row, o.last_row):
             k.least[r] = ZERO
 
@@ -303,14 +303,14 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                     if worst <= GOOD:
                         good = earned.adds_up(t, k, o)
             if good == 0 and s.attempt >= wp.static(YIELDING):
-                good = earned.is_earned(t, k, o, wp.where(s.attempt == wp.static(EXACT), 1, 0))
+                good = least.is_earned(t, k, o, wp.where(s.attempt == wp.static(EXACT), 1, 0))
             elif good == 0:
                 next = wp.static(YIELDING)
             if good == 1:
                 return wp.static(SOLVED)
             if wp.static(not hard):
                 if s.eased == 0:
-                    earned.ease(k, o)
+                    least.ease(k, o)
                     begin(s, 0)
                     s.trying = 0
                     s.eased = 1

@@ -2,8 +2,7 @@
 
 Rows that all but exclude each other can be answered by opposed impulses of any size, so an error relative to
 the impulses proves nothing, and neither does one relative to what happens elsewhere in the world. Here every
-place is judged by its own momenta, and impulses that these do not suggest must be the least that solve the
-rows: rows that yield a little (proximal point steps from nothing) ask for as much.
+place is judged by its own momenta; impulses that these do not suggest have to be the least (`least.py`).
 """
 
 from types import SimpleNamespace
@@ -11,37 +10,30 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..linear.held import make_held
 from ..newton import ACCEPTED, GIVEN, SUMMED, make_newton
 from ..topology import CONTACT, Topology
 from ..work import V3, WORK, Island, Slot
 
 ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED
-EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # and where the data alone do not suggest its impulses
 ROUNDED = 5e-14  # and relative to the terms of J v'
-EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
-PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
 UNSPENT = 1e-6  # of the energy of the data that a row's impulse may give by what its velocity misses
 NOTHING = 1e-19  # of the velocities that a hard row is judged by: less than it presses by needs no momentum
 FELT = 1e-15  # of its own terms: what a side that it presses need not tell of its velocity
-GROWN = 10.0  # by which rows may press a place harder than they do where they yield more
 
 
 @cached
 def make_earned(given: type, residual: str) -> SimpleNamespace:
-    """Warp functions: judges `adds_up`, `plainly_adds_up`, `is_earned`, and what comes before and after."""
+    """Warp functions: judges `adds_up` and `plainly_adds_up`, and what comes before and after."""
     dtype = WORK
     nt = make_newton(given, residual)
     hard = residual == "hard"
-    held = None if hard else make_held(given, residual)
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
-    OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
-    CLOSE = dtype(EXCHANGED[given] + (0.0 if hard else GIVEN[given]))
+    OPEN, LEAST = dtype(ROW * ACCEPTED[given]), dtype(ROUNDED)
     UNTOLD = dtype(GIVEN[given if hard else WORK])  # rounding of impulses that `press` does not make itself
     SEEN, TOLD = dtype(NOTHING / SUMMED[given]), dtype(FELT / SUMMED[given])
     TINY = dtype(1e-30)
-    MORE, SHUT, SPENT = dtype(GROWN), dtype(PRESSED), dtype(UNSPENT)
+    SPENT = dtype(UNSPENT)
 
     @wp.func
     def partner(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -290,92 +282,11 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                     for i in range(b, end):
                         k.v[i] = k.v[i] - k.move[i]
 
-    @wp.func
-    def see_all(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Leave nothing of M (v' - v_free) to the rows' rounding from here on."""
-        for place in range(o.start, o.end):
-            k.unseen[k.block[place]] = V3()
-
-    @wp.func
-    def ease(k: wp.ref[Slot], o: Island):
-        """Smoothed rows whose w is nothing press so little that it stays nothing: rows that oppose each other
-        could press by anything. What the bodies need of it Newton's method adds again.
-        """
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                k.z[r] = wp.min(k.z[r], SHUT * k.sigma[r])
-
-    @wp.func(inline=False)
-    def least_pressed(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """k.best_z: the least impulses, in D, of the rows that press by which M dv = J' lambda; what smoothed
-        rows press against each other beyond these is the noise's, not the data's.
-        """
-        nt.mass_times(t, k, o)
-        for r in range(o.row, o.last_row):
-            k.res[r] = ZERO
-            k.p[r] = wp.where(k.z[r] > ZERO, ONE, ZERO)
-            k.slack[r] = ONE - k.p[r]
-        nt.factor(t, k, o, ZERO)
-        nt.direction(t, k, o, ZERO, 0, ZERO)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                k.best_z[r] = wp.abs(k.dz[r]) * k.p[r] * k.inverse[r]
-
-    @wp.func(inline=False)
-    def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, holds: int):
-        """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
-        holds as well (of `adds_up`), and rows press no place much harder than they must (k.least). What is
-        given back of a contact may round by no more than its rows. `holds`: what presses hard is held to find
-        the least.
-        """
-        good = int(1)
-        for place in range(o.start, o.end):
-            i = k.block[place]
-            miss = wp.abs(k.balance[i]) - k.lost[i] - CLOSE * k.move[i]
-            for j in range(3):
-                if not (miss[j] <= ENOUGH * k.momentum[i][j]):
-                    good = 0
-        if wp.static(not hard):
-            if holds == 0:
-                least_pressed(t, k, o)
-            elif held.least(t, k, o) == 0:
-                return 0
-        for place in range(o.start, o.end):
-            i = k.block[place]
-            k.move[i] = V3()
-            k.best_v[i] = V3()
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                if not is_open(t, k, r, EXACT, ZERO):
-                    good = 0
-                least = k.least[r]
-                if wp.static(not hard):
-                    least = k.best_z[r]
-                spare = MORE * (least + k.alone[r]) - k.lam[r]
-                if t.coulomb == 1 and not (spare >= ZERO):  # a fixed point that runs away does so row by row
-                    good = 0
-                start = k.entry[r]
-                shift = k.entry[partner(t, k, r)] - start
-                for e in range(k.entry[r + 1] - start):
-                    b = t.row_block[k.pattern[r] + e]
-                    size = wp.abs(k.jac[start + e])
-                    excess = wp.max(wp.abs(k.jac[start + shift + e]) - size, V3())
-                    k.move[b] = k.move[b] + k.lam[r] * excess
-                    k.best_v[b] = k.best_v[b] + spare * size
-        for place in range(o.start, o.end):
-            i = k.block[place]
-            for j in range(3):
-                if not (k.best_v[i][j] >= ZERO and ROUND * k.move[i][j] <= ENOUGH * k.momentum[i][j]):
-                    good = 0
-        return good
-
     return SimpleNamespace(
         adds_up=adds_up,
         give_back=give_back,
         plainly_adds_up=plainly_adds_up,
         take_impulses=take_impulses,
-        see_all=see_all,
-        ease=ease,
-        is_earned=is_earned,
-        MORE=MORE,
+        partner=partner,
+        is_open=is_open,
     )

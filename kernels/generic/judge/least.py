@@ -1,0 +1,117 @@
+"""Impulses that the data of a step do not suggest: they must be the least that solve the rows.
+
+Rows that yield a little (proximal point steps from nothing) ask for as much as there must be, so that opposed
+impulses that only answer each other are told from those that a chain of bodies passes on.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ...factories import cached
+from ..linear.held import make_held
+from ..newton import GIVEN, SUMMED, make_newton
+from ..topology import Topology
+from ..work import V3, WORK, Island, Slot
+from .earned import make_earned
+
+EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # what is good enough of a row relative to its own terms
+EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
+PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
+GROWN = 10.0  # by which rows may press a place harder than they do where they yield more
+
+
+@cached
+def make_least(given: type, residual: str) -> SimpleNamespace:
+    """Warp functions: the judge `is_earned`, after `adds_up`, and what comes before."""
+    dtype = WORK
+    nt = make_newton(given, residual)
+    earned = make_earned(given, residual)
+    partner, is_open = earned.partner, earned.is_open
+    hard = residual == "hard"
+    held = None if hard else make_held(given, residual)
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+    ROUND, ENOUGH, EXACT = dtype(GIVEN[given]), dtype(SUMMED[given]), dtype(EARNED[given])
+    CLOSE = dtype(EXCHANGED[given] + (0.0 if hard else GIVEN[given]))
+    MORE, SHUT = dtype(GROWN), dtype(PRESSED)
+
+    @wp.func
+    def see_all(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Leave nothing of M (v' - v_free) to the rows' rounding from here on."""
+        for place in range(o.start, o.end):
+            k.unseen[k.block[place]] = V3()
+
+    @wp.func
+    def ease(k: wp.ref[Slot], o: Island):
+        """Smoothed rows whose w is nothing press so little that it stays nothing: rows that oppose each other
+        could press by anything. What the bodies need of it Newton's method adds again.
+        """
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.z[r] = wp.min(k.z[r], SHUT * k.sigma[r])
+
+    @wp.func(inline=False)
+    def least_pressed(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.best_z: the least impulses, in D, of the rows that press by which M dv = J' lambda; what smoothed
+        rows press against each other beyond these is the noise's, not the data's.
+        """
+        nt.mass_times(t, k, o)
+        for r in range(o.row, o.last_row):
+            k.res[r] = ZERO
+            k.p[r] = wp.where(k.z[r] > ZERO, ONE, ZERO)
+            k.slack[r] = ONE - k.p[r]
+        nt.factor(t, k, o, ZERO)
+        nt.direction(t, k, o, ZERO, 0, ZERO)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.best_z[r] = wp.abs(k.dz[r]) * k.p[r] * k.inverse[r]
+
+    @wp.func(inline=False)
+    def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, holds: int):
+        """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
+        holds as well (of `adds_up`), and rows press no place much harder than they must (k.least). What is
+        given back of a contact may round by no more than its rows. `holds`: what presses hard is held to find
+        the least.
+        """
+        good = int(1)
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            miss = wp.abs(k.balance[i]) - k.lost[i] - CLOSE * k.move[i]
+            for j in range(3):
+                if not (miss[j] <= ENOUGH * k.momentum[i][j]):
+                    good = 0
+        if wp.static(not hard):
+            if holds == 0:
+                least_pressed(t, k, o)
+            elif held.least(t, k, o) == 0:
+                return 0
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            k.move[i] = V3()
+            k.best_v[i] = V3()
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                if not is_open(t, k, r, EXACT, ZERO):
+                    good = 0
+                least = k.least[r]
+                if wp.static(not hard):
+                    least = k.best_z[r]
+                spare = MORE * (least + k.alone[r]) - k.lam[r]
+                if t.coulomb == 1 and not (spare >= ZERO):  # a fixed point that runs away does so row by row
+                    good = 0
+                start = k.entry[r]
+                shift = k.entry[partner(t, k, r)] - start
+                for e in range(k.entry[r + 1] - start):
+                    b = t.row_block[k.pattern[r] + e]
+                    size = wp.abs(k.jac[start + e])
+                    excess = wp.max(wp.abs(k.jac[start + shift + e]) - size, V3())
+                    k.move[b] = k.move[b] + k.lam[r] * excess
+                    k.best_v[b] = k.best_v[b] + spare * size
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            for j in range(3):
+                if not (k.best_v[i][j] >= ZERO and ROUND * k.move[i][j] <= ENOUGH * k.momentum[i][j]):
+                    good = 0
+        return good
+
+    return SimpleNamespace(see_all=see_all, ease=ease, is_earned=is_earned, MORE=MORE)
