@@ -351,6 +351,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
     return SimpleNamespace(
         smooth=smooth,
         dot=dot,
+        sized=sized,
         rounding=rounding,
         residuals=residuals,
         unbalanced=unbalanced,

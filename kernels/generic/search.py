@@ -303,7 +303,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                     if worst <= GOOD:
                         good = earned.adds_up(t, k, o)
             if good == 0 and s.attempt >= wp.static(YIELDING):
-                good = least.is_earned(t, k, o, wp.where(s.attempt == wp.static(EXACT), 1, 0))
+                good = least.is_earned(t, k, o, wp.where(s.attempt == wp.static(EXACT), 1, 0), t.coulomb)
             elif good == 0:
                 next = wp.static(YIELDING)
             if good == 1:

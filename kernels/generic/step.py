@@ -16,7 +16,7 @@ from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
 from .contact import AFRESH, AGAIN, ALL, JOINING, make_contact
 from .friction.direct import MOST_LOOKS
 from .island import make_island
-from .judge.beside import MOST_BESIDE, make_beside
+from .judge.beside import MOST_BESIDE, MOST_RUBBING, make_beside
 from .linear.doubted import make_doubted
 from .linear.envelope import make_envelope
 from .mechanism import COLUMN, make_mechanism
@@ -122,7 +122,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return False
 
     @wp.func(inline=False)
-    def contacts(t: wp.ref[Topology], k: wp.ref[Slot]):
+    def contacts(t: wp.ref[Topology], k: wp.ref[Slot], patient: int):
         """Solve the islands of the near pairs until no pair joins them. What did not converge under Coulomb's
         friction is solved again, from where that ended and with more patience. Rows that press may free what
         is jammed without them, with what bodies of other islands bring: before it is given up, all pairs
@@ -134,7 +134,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         rounding(t, k)
         status = int(wp.static(SOLVED))
         which = int(wp.static(AFRESH))
-        k.count[wp.static(LOOKS)] = 0
+        k.count[wp.static(LOOKS)] = patient
         more = int(1)
         while more == 1:
             changed = contact.look(t, k, which)
@@ -152,7 +152,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                 which = wp.where(which == wp.static(ALL), which, wp.static(JOINING))
             elif t.coulomb == 0 or status == wp.static(NONFINITE) or status == wp.static(INFEASIBLE):
                 more = int(0)
-            elif which == wp.static(ALL):
+            elif which == wp.static(ALL) or (patient == 0 and status == wp.static(NOT_CONVERGED)):
                 more = int(0)
             else:
                 looks = k.count[wp.static(LOOKS)]
@@ -165,31 +165,34 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return status
 
     @wp.func
-    def afresh(t: wp.ref[Topology], k: wp.ref[Slot]):
+    def afresh(t: wp.ref[Topology], k: wp.ref[Slot], patient: int):
         """`contacts` from nothing."""
         forget(t, k)
         for i in range(t.blocks):
             k.v[i] = k.vfree[i]
-        return contacts(t, k)
+        return contacts(t, k, patient)
 
     @wp.func
     def contacts_or_afresh(t: wp.ref[Topology], k: wp.ref[Slot]):
         """`contacts`, and once more from nothing what does not converge from where the last step led: what
         fails in a rollout fails by itself, too. What fails so is solved a rounding beside its gaps: where
-        many touch exactly, and nothing presses, no set of rows is better than the next.
+        many touch exactly, and nothing presses, no set of rows is better than the next. Patience, which only
+        Coulomb's friction asks for, is dearer than that, and comes last.
         """
         led = k.count[wp.static(LED)]
         beside.forget(t, k)
-        status = contacts(t, k)
+        status = contacts(t, k, 0)
         if status == wp.static(NOT_CONVERGED) and led == 1:
             beside.forget(t, k)
-            status = afresh(t, k)
-        most = int(wp.static(MOST_BESIDE))
-        if t.coulomb == 1 and t.nr > t.pairs + t.limits:
-            most = 0  # of friction between exact modes a rounding decides as little: 14 of 400 become 13
+            status = afresh(t, k, 0)
+        rubs = t.coulomb == 1 and t.nr > t.pairs + t.limits
+        most = wp.where(rubs, wp.static(MOST_RUBBING), wp.static(MOST_BESIDE))
         while status == wp.static(NOT_CONVERGED) and k.count[wp.static(BESIDE)] < most:
             k.count[wp.static(BESIDE)] = k.count[wp.static(BESIDE)] + 1
-            status = afresh(t, k)
+            status = afresh(t, k, 0)
+        if status == wp.static(NOT_CONVERGED) and t.coulomb == 1:
+            beside.forget(t, k)
+            status = afresh(t, k, 1)
         k.count[wp.static(LED)] = 1
         return status
 

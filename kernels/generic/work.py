@@ -62,6 +62,7 @@ class Slot:
     alone: wp.array(dtype=WORK)  # impulse of the row if it were the only one
     own: wp.array(dtype=WORK)  # size of the terms that the data set of J v' + d/h
     unit: wp.array(dtype=WORK)  # the largest of these, its own or of closing rows of one body with it
+    passed: wp.array(dtype=WORK)  # impulse that what closes brings by itself, and the row may pass on
     z: wp.array(dtype=WORK)
     best_z: wp.array(dtype=WORK)
     lam: wp.array(dtype=WORK)
@@ -161,6 +162,7 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.alone = work.alone[b]
     k.own = work.own[b]
     k.unit = work.unit[b]
+    k.passed = work.passed[b]
     k.z = work.z[b]
     k.best_z = work.best_z[b]
     k.lam = work.lam[b]
@@ -245,9 +247,9 @@ def view(work: wp.ref[Work], b: int):
 
 
 BY_ROW = (
-    "gap", "rate", "sigma", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least", "a", "w",
-    "res", "excess", "cross", "p", "slack", "total", "dz", "divisor", "aimed", "weight", "lift", "inverse",
-    "target", "miss", "warm", "row", "pattern", "acting", "mode", "sorted",
+    "gap", "rate", "sigma", "scale", "diag", "alone", "own", "unit", "passed", "z", "best_z", "lam", "least",
+    "a", "w", "res", "excess", "cross", "p", "slack", "total", "dz", "divisor", "aimed", "weight", "lift",
+    "inverse", "target", "miss", "warm", "row", "pattern", "acting", "mode", "sorted",
 )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ import warp as wp
 from ...factories import cached
 from ...status import NONFINITE, NOT_CONVERGED, SOLVED
 from ..judge.earned import make_earned
+from ..judge.least import make_least
 from ..judge.scales import make_scales
 from ..topology import Topology
 from ..work import LOOKS, NEAR, WORK, Island, Slot
@@ -43,7 +44,7 @@ def make_direct(given: type) -> SimpleNamespace:
     """stick_and_slide(t, k, o) -> status: k.v, k.z, k.lam and k.lift of an island."""
     dtype = WORK
     modes, homotopy = make_modes(given), make_homotopy(given)
-    scales, earned = make_scales(given, "hard"), make_earned(given, "hard")
+    scales, earned, least = make_scales(given, "hard"), make_earned(given, "hard"), make_least(given, "hard")
     ZERO, TINY = dtype(0.0), dtype(1e-30)
 
     @wp.func
@@ -125,6 +126,8 @@ def make_direct(given: type) -> SimpleNamespace:
                 if good == 0:
                     modes.leave_alone(t, k, o)
                     good = earned.adds_up(t, k, o)
+                if good == 0 and attempt >= wp.static(NOTHING):
+                    good = least.is_earned(t, k, o, 0, 0)
                 status = wp.where(good == 1, wp.static(SOLVED), status)
             attempt += 1
         return status

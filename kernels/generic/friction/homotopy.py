@@ -324,7 +324,9 @@ def make_homotopy(given: type) -> SimpleNamespace:
 
     @wp.func
     def from_nothing(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, trial: int):
-        """A path from no impulse, where all rows are opened; another one, that yields less, by `trial`."""
+        """A path from no impulse, where all rows are opened; another one, that yields less, by `trial`. Its
+        end is the least that rows press by (k.least), none where it does not arrive.
+        """
         tau = TAU + ZERO
         for _once in range(trial):
             tau = wp.where(k.count[wp.static(LOOKS)] > 0, MORE * tau, wp.max(SMALLER * tau, SMALLEST))
@@ -338,7 +340,12 @@ def make_homotopy(given: type) -> SimpleNamespace:
             if k.acting[r] > 0:
                 k.cross[r] = size * (ONE + WIDE * random(k, r, trial + TRIALS * k.count[wp.static(LOOKS)]))
                 k.total[r] = k.total[r] + k.cross[r]
-        if follow(t, k, o, tau, wp.max(pivots(o, COLD_PIVOTS), pivots(o, patience(k)))) == 1:
+        arrived = follow(t, k, o, tau, wp.max(pivots(o, COLD_PIVOTS), pivots(o, patience(k))))
+        for r in range(o.row, o.last_row):
+            k.least[r] = ZERO
+            if arrived == 1 and k.acting[r] > 0:
+                k.least[r] = k.a[r]
+        if arrived == 1:
             refine(t, k, o, tau)
 
     @wp.func

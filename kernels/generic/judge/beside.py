@@ -16,6 +16,7 @@ NUDGES = {wp.float64: 1e-12, wp.float32: 1e-7}  # of what a row is judged by,
 OTHERS = 1e-3  # and this part of that of the fastest row in the island, for those where nothing moves
 GOLDEN = 0.6180339887498949  # no two multiples of it end in the same digits
 MOST_BESIDE = 6  # tries, the n-th by n^2 to 2 n^2 nudges: by 7.2e-11 at most
+MOST_RUBBING = 3  # with Coulomb's friction, which seldom fails for that
 
 
 @cached

@@ -132,7 +132,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                 alone = wp.min(k.alone[r], lam)
                 if wp.static(hard):
                     if lam > ZERO:
-                        alone += SEEN * k.unit[r] / k.diag[r]
+                        alone = wp.min(wp.max(alone, k.passed[r]), lam) + SEEN * k.unit[r] / k.diag[r]
                         side = wp.dot(j, wp.cw_div(j, mass))
                         alone += TOLD * k.own[r] / wp.max(side, TINY)
                 x += lam * j[0]

@@ -13,7 +13,7 @@ from ..linear.held import make_held
 from ..newton import GIVEN, SUMMED, make_newton
 from ..topology import Topology
 from ..work import V3, WORK, Island, Slot
-from .earned import make_earned
+from .earned import ROUNDED, make_earned
 
 EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # what is good enough of a row relative to its own terms
 EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
@@ -32,7 +32,8 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
     held = None if hard else make_held(given, residual)
     ZERO, ONE = dtype(0.0), dtype(1.0)
     ROUND, ENOUGH, EXACT = dtype(GIVEN[given]), dtype(SUMMED[given]), dtype(EARNED[given])
-    CLOSE = dtype(EXCHANGED[given] + (0.0 if hard else GIVEN[given]))
+    close = EXCHANGED[given] + (0.0 if hard else GIVEN[given])
+    CLOSE, FURTHER, LOST = dtype(close), dtype(close / ROUNDED), nt.LOST
     MORE, SHUT = dtype(GROWN), dtype(PRESSED)
 
     @wp.func
@@ -66,19 +67,55 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
             if k.acting[r] > 0:
                 k.best_z[r] = wp.abs(k.dz[r]) * k.p[r] * k.inverse[r]
 
-    @wp.func(inline=False)
-    def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, holds: int):
-        """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
-        holds as well (of `adds_up`), and rows press no place much harder than they must (k.least). What is
-        given back of a contact may round by no more than its rows. `holds`: what presses hard is held to find
-        the least.
-        """
-        good = int(1)
+    @wp.func
+    def changed(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.best_v: the size of the terms of M (v' - v_free), which cancel where stiff springs tie bodies."""
+        for place in range(o.start, o.end):
+            k.best_v[k.block[place]] = V3()
         for place in range(o.start, o.end):
             i = k.block[place]
-            miss = wp.abs(k.balance[i]) - k.lost[i] - CLOSE * k.move[i]
+            row = t.mass_at[i]
+            change = k.v[i] - k.vfree[i]
+            terms = nt.sized(k.mass[row + i], change)
+            for j in range(t.mass_first[i], i):
+                m = k.mass[row + j]
+                terms += nt.sized(m, k.v[j] - k.vfree[j])
+                k.best_v[j] = k.best_v[j] + nt.sized(wp.transpose(m), change)
+            k.best_v[i] = k.best_v[i] + terms
+
+    @wp.func
+    def passed_on(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """What impulses that the bodies of row r are given back (k.move) change of its velocity."""
+        change = dtype(0.0)
+        for e in range(k.entry[r + 1] - k.entry[r]):
+            b = t.row_block[k.pattern[r] + e]
+            mass = wp.get_diag(k.mass[t.mass_at[b] + b])
+            change += wp.dot(wp.abs(k.jac[k.entry[r] + e]), wp.cw_div(k.move[b], mass))
+        return change
+
+    @wp.func(inline=False)
+    def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, holds: int, rowwise: int):
+        """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
+        holds as well (of `adds_up`), and rows press no place much harder than they must (k.least), nor any
+        row than it must if `rowwise`: a fixed point that runs away does so row by row. What is given back of
+        a contact may round by no more than its rows. Under Coulomb's friction what impulses pass on through
+        bodies at rest counts in the velocities of their rows. `holds`: what presses hard is held to find the
+        least.
+        """
+        good = int(1)
+        changed(t, k, o)
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            miss = wp.abs(k.balance[i]) - k.lost[i] - CLOSE * k.move[i] - LOST * k.best_v[i]
             for j in range(3):
                 if not (miss[j] <= ENOUGH * k.momentum[i][j]):
+                    good = 0
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                passed = ZERO
+                if t.coulomb == 1:
+                    passed = FURTHER * passed_on(t, k, r)
+                if not is_open(t, k, r, EXACT, passed):
                     good = 0
         if wp.static(not hard):
             if holds == 0:
@@ -91,13 +128,11 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
             k.best_v[i] = V3()
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
-                if not is_open(t, k, r, EXACT, ZERO):
-                    good = 0
                 least = k.least[r]
                 if wp.static(not hard):
                     least = k.best_z[r]
                 spare = MORE * (least + k.alone[r]) - k.lam[r]
-                if t.coulomb == 1 and not (spare >= ZERO):  # a fixed point that runs away does so row by row
+                if rowwise == 1 and not (spare >= ZERO):
                     good = 0
                 start = k.entry[r]
                 shift = k.entry[partner(t, k, r)] - start
@@ -107,6 +142,7 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
                     excess = wp.max(wp.abs(k.jac[start + shift + e]) - size, V3())
                     k.move[b] = k.move[b] + k.lam[r] * excess
                     k.best_v[b] = k.best_v[b] + spare * size
+                    k.momentum[b] = k.momentum[b] + k.lam[r] * size
         for place in range(o.start, o.end):
             i = k.block[place]
             for j in range(3):

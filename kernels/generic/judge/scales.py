@@ -8,6 +8,7 @@ from ..topology import CONTACT, Topology
 from ..work import M33, V3, WORK, Island, Slot
 
 DIFFERENT = 1e5  # velocities, relative to those of a row in which no more than their rounding counts
+TOUCHING = 1e-10  # of what is stopped beside it: less than that is no opening to the accuracy promised
 REACHES = 8  # passes, in which what is stopped reaches further bodies
 
 
@@ -36,7 +37,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
     nt = make_newton(given, residual)
     hard = residual == "hard"
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
-    UNLIKE, FAR = dtype(DIFFERENT), dtype(1e300)
+    UNLIKE, TOUCHES, FAR = dtype(DIFFERENT), dtype(TOUCHING), dtype(1e300)
     LOST, FLOOR, TINY, MOST = nt.LOST, dtype(1e-30), dtype(1e-30), dtype(1e300)
 
     @wp.func
@@ -57,7 +58,9 @@ def make_scales(given: type, residual: str) -> wp.Function:
 
     @wp.func
     def lend(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """k.move of a name's first block: the largest of what v_free closes (k.dz of a group's first row)."""
+        """k.move of a name's first block: the largest of what v_free closes (k.dz of a group's first row),
+        and last the largest impulse of such rows by themselves.
+        """
         for place in range(o.start, o.end):
             k.move[k.block[place]] = V3()
         for g in range(o.group, o.last_group):
@@ -65,18 +68,24 @@ def make_scales(given: type, residual: str) -> wp.Function:
             closes = k.dz[start]
             if closes > ZERO:
                 b = t.unit_start[name_of(k, t.block_unit[t.row_block[k.pattern[start]]])]
-                k.move[b] = V3(wp.max(k.move[b][0], closes), ZERO, ZERO)
+                brings = k.move[b][2]
+                for r in range(start, k.group[g + 1]):
+                    if k.acting[r] > 0:
+                        brings = wp.max(brings, k.alone[r])
+                k.move[b] = V3(wp.max(k.move[b][0], closes), ZERO, brings)
 
     @wp.func(inline=False)
     def reach(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """k.move[.][1] of a name's first block: what is stopped behind contacts that v_free leaves open by
-        less. It may shut them, as where a spinning disc is driven against what nothing else moves.
+        less. It may shut them, as where a spinning disc is driven against what nothing else moves. What
+        is open by nothing beside that passes it on, as in a row of balls: the two have one name.
         """
         further = int(1)
         passes = int(0)
         while further == 1 and passes < wp.static(REACHES):
             passes += 1
             further = int(0)
+            joined = int(0)
             for g in range(o.group, o.last_group):
                 start, _end, _entry, _entries, one, two = nt.ends(t, k, g)
                 first = t.unit_start[name_of(k, t.block_unit[one])]
@@ -85,16 +94,24 @@ def make_scales(given: type, residual: str) -> wp.Function:
                     here = wp.max(k.move[first][0], k.move[first][1])
                     there = wp.max(k.move[other][0], k.move[other][1])
                     moves = wp.max(here, there)
-                    if -k.dz[start] < moves and (here < moves or there < moves):
-                        k.move[first] = V3(k.move[first][0], moves, ZERO)
-                        k.move[other] = V3(k.move[other][0], moves, ZERO)
+                    most = wp.max(k.move[first][0], k.move[other][0])
+                    if most > ZERO and -k.dz[start] <= TOUCHES * most:
+                        joined = int(1)
+                        join(t, k, one, two)
+                        brings = wp.max(k.move[first][2], k.move[other][2])
+                        k.move[wp.min(first, other)] = V3(most, moves, brings)
                         further = int(1)
+                    elif -k.dz[start] < moves and (here < moves or there < moves):
+                        k.move[first] = V3(k.move[first][0], moves, k.move[first][2])
+                        k.move[other] = V3(k.move[other][0], moves, k.move[other][2])
+                        further = int(1)
+            passes -= joined  # of names there are so many
 
     @wp.func
     def share_units(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, differ: bool):
-        """k.unit, from what v_free closes and a row's own terms: rows of bodies that neither hang together
-        nor touch are no measure of each other. Of what may shut a contact, where sizes `differ`, its rounding
-        counts.
+        """k.unit, from what v_free closes and a row's own terms, and k.passed: rows of bodies that neither
+        hang together nor touch are no measure of each other. Of what may shut a contact, where sizes
+        `differ`, its rounding counts.
         """
         lend(t, k, o)
         if wp.static(hard):
@@ -107,6 +124,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
             for r in range(start, k.group[g + 1]):
                 if k.acting[r] > 0:
                     k.unit[r] = wp.where(lent > k.own[r], lent, k.own[r]) + TINY
+                    k.passed[r] = shared[2]
 
     @wp.func
     def bounds(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, largest: dtype):
