@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ..mechanism import COLUMN
 from ..topology import CONTACT, Topology
 from ..work import ASIDE, BESIDE, WORK, Island, Slot
 
@@ -23,6 +24,7 @@ MOST_RUBBING = 3  # with Coulomb's friction, which seldom fails for that
 def make_beside(given: type) -> SimpleNamespace:
     """Warp functions that choose k.beside, what a try adds to d/h of a pair, and forget it."""
     dtype = WORK
+    FRICTION = COLUMN["friction"]
     NUDGE, OTHER, ONE, ZERO = dtype(NUDGES[given]), dtype(OTHERS), dtype(1.0), dtype(0.0)
 
     @wp.func
@@ -35,6 +37,14 @@ def make_beside(given: type) -> SimpleNamespace:
                 k.beside[pair] = ZERO
 
     @wp.func
+    def judged(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """What row r is judged by; of a row with friction without mu v_t, which is no measure of a gap."""
+        i = k.row[r]
+        if t.row_kind[i] == wp.static(CONTACT) and t.row_sign[i] != 0:
+            return k.unit[r] / (ONE + k.numbers[t.columns[FRICTION] + t.row_index[i]])
+        return k.unit[r]
+
+    @wp.func
     def step_aside(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Choose the next try of an island that does not converge; others keep theirs, or the data."""
         k.count[wp.static(ASIDE)] = 1
@@ -42,14 +52,14 @@ def make_beside(given: type) -> SimpleNamespace:
         fastest = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
-                fastest = wp.max(fastest, k.unit[r])
+                fastest = wp.max(fastest, judged(t, k, r))
         for r in range(o.row, o.last_row):
             i = k.row[r]
             if t.row_kind[i] == wp.static(CONTACT):
                 pair = t.row_index[i]
                 unit = OTHER * fastest
                 if k.acting[r] > 0:
-                    unit = wp.max(unit, k.unit[r])
+                    unit = wp.max(unit, judged(t, k, r))
                 part = wp.float64(tries * t.pairs + pair + 1) * wp.float64(GOLDEN)
                 share = ONE + dtype(part - wp.floor(part))
                 k.beside[pair] = NUDGE * dtype(tries * tries) * unit * share
