@@ -54,15 +54,22 @@ def thrown(scene, side, worlds):
 
 
 @pytest.mark.parametrize(
-    "law, friction", [("hard", None), ("hard", 0.3), ("coulomb", None), ("coulomb", 0.3)]
+    "law, friction, dtype",
+    [
+        ("hard", None, "float64"),
+        ("hard", 0.3, "float64"),
+        ("coulomb", None, "float64"),
+        ("coulomb", 0.3, "float64"),
+        ("coulomb", 0.3, "float32"),
+    ],
 )
-def test_aligned_boxes_are_solved(law, friction):
+def test_aligned_boxes_are_solved(law, friction, dtype):
     """Of nine boxes three in five rollouts were NOT_CONVERGED, one in three under Coulomb's friction, of four
-    one in ten; one in a hundred of nine under Coulomb's friction now.
+    one in ten; one in twenty-five of nine under Coulomb's friction now. In float32 three in five were.
     """
     for side, worlds, most in ((2, 60, 0), (3, 40, 2)):
         scene = gas(side, friction)
-        sim = slcp.Simulator(scene, LAWS[law], device="cpu", dtype="float64", strategy="generic")
+        sim = slcp.Simulator(scene, LAWS[law], device="cpu", dtype=dtype, strategy="generic")
         traj = sim.rollout(thrown(scene, side, worlds), steps=300, record="gap")
         assert (traj.status != slcp.Status.SOLVED).sum() <= most
         assert np.nanmin(traj.gap) > -1e-3  # corners that turn

@@ -52,8 +52,16 @@ def test_a_row_of_boxes_is_hit(law, dtype, precision, wall, order):
         np.testing.assert_allclose(pressed, momentum, rtol=100.0 * precision)
 
 
+ENDED = (
+    (-1.0438491504658488e-16, -5.7225136588191964e-05, 5.722317194063084e-05)
+    + (-0.020000000000000007, -0.14906444, -5.836400854173378e-19, 8.920969059811723e-23)
+    + (2.010921662806409e-20, 3.291836689225142e-09, -3.291890914252584e-09)
+    + (-4.2278464534208e-16, -0.41202, -1.619085350030821e-17, 2.9926132132935455e-38)
+)
+
+
 def gripper():
-    """A box between a wall and a plate that a crank and a follower, which a pin holds, keep upright."""
+    """A box between a wall and a plate that a crank, which a brake holds, and a follower on a pin carry."""
     h, long, short, box, quarter = 0.002, 0.1, 0.04, 0.04, 0.5 * np.pi
 
     def rod(name, length, mass, parent, **place):
@@ -61,36 +69,39 @@ def gripper():
 
     left = -long + short + 0.02
     stiff = {"stiffness": 3.0 / h**2, "damping": 6.0 / h, "arm": 0.02}
+    crank = rod("crank", long, 0.1, None, anchor=(-long, 0.0), angle=-quarter)
+    pad, shoes, rubs = slcp.brake(crank, holds=1.0, friction=0.5)
     return Scene(
         "gripper",
         (
-            rod("crank", long, 0.1, None, anchor=(-long, 0.0), angle=-quarter),
+            crank,
             rod("finger", short, 0.15, "crank", anchor=(long, 0.0), angle=quarter),
             rod("follower", long, 0.1, "finger", anchor=(short, 0.0), angle=quarter),
             Body("box", 0.2, 0.2 * box**2 / 6.0, joint="free"),
+            pad,
         ),
         (
+            *shoes,
             Shape("plate", "finger", "rectangle", (0.02, 0.03), offset=(short, -0.04), corner_radius=0.002),
             Shape("jaw", None, "halfplane", offset=(left + box, 0.0), angle=np.pi),
             Shape("box", "box", "rectangle", (0.5 * box, 0.5 * box), corner_radius=0.002),
         ),
-        (Contact("plate", "box", friction=0.6), Contact("jaw", "box", friction=0.6)),
+        (rubs, Contact("plate", "box", friction=0.6), Contact("jaw", "box", friction=0.6)),
         springs=slcp.pin(None, "follower", (-long + short, 0.0), (long, 0.0), **stiff),
-        initial_state=(0.0, 0.0, 0.0, left + 0.5 * box, -long - 0.04, 0.0) + (0.0,) * 6,
         step_size=h,
-    )  # fmt: skip
+    )
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-def test_a_box_that_jaws_touch_and_nobody_presses_falls(dtype):
-    """However exactly they touch, slowed by what swings; 9 of 200 such rollouts were NOT_CONVERGED before."""
+def test_a_box_that_jaws_touch_and_nobody_presses_falls():
+    """What ties the linkage cancels in its momenta. The first state is of a rollout that ended there; so did
+    all at it, 125 of 200 a picometre beside and 15 of 200 at 1e-10 m.
+    """
     scene = gripper()
-    sim = slcp.Simulator(scene, LAWS["coulomb"], device="cpu", dtype=dtype, strategy="generic")
-    rng = np.random.default_rng(0)
-    x = np.tile(scene.x0, (WORLDS, 1))
-    x[:, 10] = -rng.uniform(0.0, 1.0, WORLDS)
-    x[WORLDS // 2 :, :6] += 1e-17 * rng.integers(-3, 4, (WORLDS // 2, 6))
-    traj = sim.rollout(x, steps=50)
-    assert (traj.status == slcp.Status.SOLVED).all()
-    fallen = x[:, 10] - 9.81 * 50 * scene.step_size
-    assert (traj.states[:, -1, 10] < x[:, 10]).all() and (traj.states[:, -1, 10] > fallen - 1e-5).all()
+    sim = slcp.Simulator(scene, LAWS["coulomb"], device="cpu", dtype="float64", strategy="generic")
+    worlds = 2 * WORLDS
+    x = np.tile(ENDED, (worlds, 1))
+    beside = 10.0 ** np.linspace(-17.0, -9.0, worlds - 1)[:, None]
+    x[1:, :6] += beside * np.random.default_rng(0).standard_normal((worlds - 1, 6))
+    step = sim.step(x)
+    assert (step.status == slcp.Status.SOLVED).all()
+    assert (step.state[:, 11] < -0.3).all()
