@@ -74,7 +74,7 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
         if shape.kind == "disc":
             radius[:, i] = radius[:, i, :1] if base["radius"][i, 0] > 0.0 else 0.0
         elif shape.kind == "ring":
-            radius[:, i] = u(0.3, 2.5, 1)
+            radius[:, i] = u(0.45, 2.5, 1)  # what is in it is smaller
     cosine = u(-np.pi, np.pi, nb)
     most = 4.0 if getattr(scene, "implicit_damping", True) else 0.0  # of c h / m, decades
     stiff = mass[:, [b for b in s.dof_body]] / h[:, None] * decades(rng, -1, most, n, nv)
