@@ -70,7 +70,7 @@ def test_backward_pass_by_lanes_spills_nothing(tmp_path):
 @pytest.mark.parametrize(
     "residual, registers, frame",
     [
-        pytest.param("hard", None, 10944, marks=pytest.mark.full, id="hard"),
+        pytest.param("hard", None, 11072, marks=pytest.mark.full, id="hard"),
         pytest.param("none", 208, 8320, id="no rows"),
     ],
 )
