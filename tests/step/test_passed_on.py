@@ -27,8 +27,9 @@ def boxes_in_a_row(wall, order):
 @pytest.mark.parametrize("dtype, precision", [("float64", 1e-10), ("float32", 2e-5)])
 @pytest.mark.parametrize("wall, order", [(False, 1), (True, 1), (True, -1)], ids=["free", "wall", "back"])
 def test_a_row_of_boxes_is_hit(law, dtype, precision, wall, order):
-    """All stop at a wall, which takes the momentum, or go on together, whatever their masses. Of rows
-    of six at a wall 105 of 200 were NOT_CONVERGED under Coulomb's friction; gaps of nothing or of a rounding, which no floating-point number tells apart.
+    """All stop at a wall, which takes the momentum, or go on together, whatever their masses. Of rows of six
+    at a wall 105 of 200 were NOT_CONVERGED under Coulomb's friction; gaps are nothing or a rounding, which
+    no floating-point number tells apart.
     """
     scene = boxes_in_a_row(wall, order)
     sim = slcp.Simulator(scene, LAWS[law], device="cpu", dtype=dtype, strategy="generic")
