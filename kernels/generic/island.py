@@ -34,7 +34,7 @@ def make_island(given: type, residual: str) -> wp.Function:
     direct = make_direct(given) if residual == "hard" else None
     approach = make_passes(given) if residual == "hard" else None
     jammed = make_jam(given) if residual == "hard" else None
-    keeps_apart = make_normal(given) if residual == "hard" else None
+    keeps_apart = make_normal(given)
     PASSES, H = COULOMB_PASSES, COLUMN["step_size"]
     UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
     FAR, SLOW, ROUND = dtype(-NOWHERE), dtype(RESTING), dtype(ROUNDING[given])
@@ -277,12 +277,11 @@ def make_island(given: type, residual: str) -> wp.Function:
 
     @wp.func(inline=False)
     def settle_judged(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """`settle`, whose solution with Coulomb's friction holds without it, too."""
+        """`settle`, whose solution with friction keeps bodies apart without it, too."""
         status = settle(t, k, o)
-        if wp.static(residual == "hard"):
-            if t.coulomb == 1 and status == wp.static(SOLVED):
-                if keeps_apart(t, k, o) == 0:
-                    status = int(wp.static(NOT_CONVERGED))
+        if status == wp.static(SOLVED):
+            if keeps_apart(t, k, o) == 0:
+                status = int(wp.static(NOT_CONVERGED))
         return status
 
     @wp.func

@@ -17,6 +17,7 @@ from ..device.seldom import seldom
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..status import INFEASIBLE, NOT_CONVERGED, SOLVED
+from .apart import make_apart
 from .few_rows import make_few_rows
 from .interior import make_interior
 from .newton import make_newton
@@ -33,6 +34,7 @@ def make_solver(spec: Specialisation) -> wp.Function:
     Problem, measure = make_problem(s, dtype), make_measure(spec)
     row_sizes = make_row_sizes(spec)
     uneven = row_sizes.uneven
+    apart = make_apart(spec)
     VQ, VR, World = r.types.VQ, r.types.VR, r.types.World
     NR = s.nr
     ZERO, HALF, UNUSED = dtype(0.0), dtype(0.5), dtype(COLD)
@@ -93,13 +95,23 @@ def make_solver(spec: Specialisation) -> wp.Function:
         return z
 
     @wp.func
+    def judged(world: World, p: Problem, v: VQ, status: int):
+        """The status of a solution v', which friction may not hide overlaps of."""
+        if wp.static(apart.large is not None):
+            if seldom(apart.large(world, p)):
+                if status == wp.static(SOLVED) and not apart.keeps_apart(world, p, v):
+                    return wp.static(NOT_CONVERGED)
+        return status
+
+    @wp.func
     def solve_fast(world: World, problem: Problem, warm: VR):
         p = measure(world, problem)
         z = start(p, warm)
         if wp.static(uneven is not None):
             if uneven(p):
                 return p.vfree, z, VR(), wp.static(NOT_CONVERGED), int(0)
-        return solve_few(world, p, z)
+        v, z_few, lam, status, iterations = solve_few(world, p, z)
+        return v, z_few, lam, judged(world, p, v, status), iterations
 
     if method.fast:
         return solve_fast
@@ -141,7 +153,7 @@ def make_solver(spec: Specialisation) -> wp.Function:
             if seldom(differ):
                 unlike, size = row_sizes.unlike(world, p)
         if not seldom(status != wp.static(SOLVED) or unlike):
-            return v, z_few, lam_few, status, iterations
+            return v, z_few, lam_few, judged(world, p, v, status), iterations
         if status == wp.static(SOLVED):  # relative to the largest row
             z = z_few
             status = wp.static(NOT_CONVERGED)
@@ -159,6 +171,6 @@ def make_solver(spec: Specialisation) -> wp.Function:
                 if status == wp.static(SOLVED) and not wp.static(n.good)(world, p, at, z, differ):
                     status = wp.static(NOT_CONVERGED)
             attempt += 1
-        return at.v, z, at.lam, status, iterations
+        return at.v, z, at.lam, judged(world, p, at.v, status), iterations
 
     return solve

@@ -1,5 +1,6 @@
 """What a large coefficient hides: the rows J_n +- mu J_t of a contact are judged on scales with mu v_t in
-them, of which w_n, their mean, may be a rounding. So w_n is judged once more, by its own terms.
+them, of which w_n, their mean, may be a rounding. So w_n is judged once more, by its own terms: under every
+law no contact closes, and under Coulomb's none that presses opens.
 """
 
 import warp as wp
@@ -15,7 +16,7 @@ ROUNDED = 5e-14  # and relative to all terms of J v'
 
 @cached
 def make_normal(given: type) -> wp.Function:
-    """keeps_apart(t, k, o) -> 1 if no contact of an island closes, and none that presses opens."""
+    """keeps_apart(t, k, o) -> 1 if no contact of an island closes, and none that presses opens where it may not."""
     dtype = WORK
     SHARE, LEAST = dtype(OPEN[given]), dtype(ROUNDED)
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
@@ -23,7 +24,7 @@ def make_normal(given: type) -> wp.Function:
 
     @wp.func
     def is_apart(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
-        """Whether w_n of the pair of row r is nothing, or is open and does not press."""
+        """Whether w_n of the pair of row r is nothing, or is open and may be."""
         w = k.gap[r]
         terms = wp.abs(w)
         rounds = wp.abs(w)
@@ -34,7 +35,7 @@ def make_normal(given: type) -> wp.Function:
             w += wp.dot(normal, k.v[b])
             terms += wp.dot(wp.abs(normal), wp.abs(k.vfree[b]))
             rounds += wp.dot(wp.abs(first) + wp.abs(normal), wp.abs(k.v[b]))
-        miss = wp.where(k.lam[r] + k.lam[r + 1] > ZERO, wp.abs(w), -w)
+        miss = wp.where(t.coulomb == 1 and k.lam[r] + k.lam[r + 1] > ZERO, wp.abs(w), -w)
         if miss <= LEAST * rounds:
             return True
         mu = k.numbers[t.columns[FRICTION] + t.row_index[k.row[r]]]
