@@ -1,8 +1,8 @@
 """What a large coefficient hides from the solvers of rows J_n +- mu J_t.
 
-Their residuals are relative to terms with mu v_t in them, and in single precision J_n itself may be a rounding
-of mu J_t. What is missed of w_n, the rows' mean, is then as nothing, though bodies go through each other. So
-w_n of a contact whose coefficient is large is judged once more, by terms without it.
+Their residuals are relative to terms with mu v_t in them, and in single precision J_n itself may be a
+rounding of mu J_t. What is missed of w_n, the rows' mean, is then as nothing, though bodies go through each
+other. So w_n of a contact whose coefficient is large is judged once more, by terms without it.
 """
 
 from types import SimpleNamespace
@@ -17,7 +17,7 @@ from ..specialisation import Specialisation
 from ..structure import layout
 
 LARGE = 10.0  # of a coefficient: below, what a row may miss is little of w_n, too
-CLOSED = {wp.float64: 1e-8, wp.float32: 2e-5}  # of w_n, relative to its gap and the largest speed of a row without mu
+CLOSED = {wp.float64: 1e-8, wp.float32: 2e-5}  # of w_n, by a gap or speeds without mu
 ROUNDING = {wp.float64: 1.1e-16, wp.float32: 6e-8}  # of the entries of rows
 
 
@@ -73,7 +73,8 @@ def make_apart(spec: Specialisation) -> SimpleNamespace:
                 joins = rate + first < ZERO
             if (p.mask & wp.static(2 << i)) == 0:
                 joins = rate + second < ZERO
-            lost = ROUND * wp.dot(wp.max(wp.abs(p.jac[wp.static(i)]), wp.abs(p.jac[wp.static(i + 1)])), wp.abs(v))
+            entries = wp.max(wp.abs(p.jac[wp.static(i)]), wp.abs(p.jac[wp.static(i + 1)]))
+            lost = ROUND * wp.dot(entries, wp.abs(v))
             least = lost - SHARE * wp.max(size, wp.abs(rate))
             return not joins and not (rate + HALF * (first + second) >= least)
 

@@ -16,7 +16,7 @@ ROUNDED = 5e-14  # and relative to all terms of J v'
 
 @cached
 def make_normal(given: type) -> wp.Function:
-    """keeps_apart(t, k, o) -> 1 if no contact of an island closes, and none that presses opens where it may not."""
+    """keeps_apart(t, k, o) -> 1 if no contact of an island closes, nor one that presses opens."""
     dtype = WORK
     SHARE, LEAST = dtype(OPEN[given]), dtype(ROUNDED)
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
