@@ -83,7 +83,7 @@ class TrackingPolicy:
         self.limits = limit_rows(control_limits, self.us.shape[-1])
         self.worlds = len(self.us)
         self._scene = attribute(attribute(result, "simulated"), "scene")
-        own = attribute(attribute(result, "simulated"), "step_size") if step_size is None else step_size
+        own = _one_step_size(attribute(result, "simulated")) if step_size is None else step_size
         self.step_size = None if own is None else number("step_size", own, 0.0, above=True)
 
     def __repr__(self) -> str:
@@ -160,3 +160,17 @@ class TrackingPolicy:
         a = content.arrays
         plan = SimpleNamespace(us=a["us"], xs=a["xs"], K=a["K"])
         return cls(plan, own_period(a["period"]), (a["lower"], a["upper"]), content.values.get("step_size"))
+
+
+def _one_step_size(simulated: Any) -> float | None:
+    """Of all plans of a result [s], where it has them."""
+    parameters = attribute(simulated, "parameters")
+    if parameters is None:
+        return attribute(simulated, "step_size")
+    sizes = np.ravel(parameters["step_size"])
+    if np.ptp(sizes) > 0.0:
+        raise ArgumentError(
+            f"result has plans of steps of {sizes.min():g} to {sizes.max():g} s; those of one step size are "
+            "needed, as of result.select(i)"
+        )
+    return float(sizes[0])

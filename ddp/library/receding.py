@@ -165,10 +165,10 @@ class _Chains:
     def __init__(self, problem: Problem, x0: np.ndarray, options: RecedingOptions) -> None:
         if not isinstance(problem, Problem) or not isinstance(problem.dynamics, Simulator):
             raise ArgumentTypeError("build_library needs a problem whose dynamics is a slcp_warp.Simulator")
-        if problem.cost.windows is not None:
+        if problem.cost.follows_steps(problem.nx, problem.nu):
             raise ArgumentError(
-                "problem.cost has terms for a time; chains begin anew with every plan, and need a cost that "
-                "is the same at every step"
+                "problem.cost is another one from step to step; chains begin anew with every plan, and need "
+                "a cost that is the same at every step"
             )
         if options.offset >= problem.horizon:
             raise ArgumentError(
@@ -340,7 +340,7 @@ def library_header(problem: Problem) -> dict[str, Any]:
     return {
         "scene": sim.scene.name,
         "digest": scene_digest(sim.scene),
-        "sigma": float(problem.params["sigma"].flat[0]),
+        "sigma": float(next(iter(problem.params["sigma"].flat), sim.scene.sigma)),
         "step_size": float(problem.params["step_size"].flat[0]),
         "horizon": problem.horizon,
         "scaling": sim.options.scaling,

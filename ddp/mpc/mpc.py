@@ -41,7 +41,8 @@ class MPC:
 
     Args:
         problem: dynamics, cost, horizon and limits of the plans: the model, which may differ from what is
-            controlled in residual, sigma, parameters and precision, not in its mechanism.
+            controlled in residual, sigma, parameters and precision, not in its mechanism. What a cost has by
+            time, node or step is of the run's; beyond the last node of a target that one is held.
         library: a `ddp.Library`, or any policy that runs in kernels, for the start "library".
         plan: a `ddp.Result` of one problem from the run's beginning, for the start "plan".
         end: steps of a run. Plans look no further than to its end, with the problem's final cost there;
@@ -106,8 +107,8 @@ class MPC:
         if self.replan > problem.horizon:
             raise ArgumentError(f"replan is {replan}; at most the horizon, {problem.horizon}, is needed")
         self.end = None if end is None else whole("end", end)
-        if end is not None and problem.cost.nodes is not None:
-            raise ArgumentError("end is given; a cost that is the same at every step is needed")
+        self._timed_cost = problem.cost.follows_steps(problem.nx, problem.nu)
+        problem.cost.check_moves(problem.nx, problem.nu, "problem.cost is planned with from later steps, too")
         given = {"plan": plan is not None, "library": library is not None}
         ahead = [name for name, there in given.items() if there] or ["zero"]
         default = ("shift", *(("keep",) if passes == 0 else ()), *ahead)
@@ -232,11 +233,11 @@ class MPC:
         if self.end is not None and left > 0:  # what is sent in the last `lag` steps acts after the end
             left = max(left - self.lag, min(left, self.replan))
         horizon = self.problem.horizon if left <= 0 else min(left, self.problem.horizon)
-        if horizon != self._ahead.horizon:
+        if self._timed_cost:  # times of the run
+            cost = self.problem.cost.from_step(now + self.lag, horizon)
+            self._ahead = replace(self.problem, horizon=horizon, cost=cost)
+        elif horizon != self._ahead.horizon:
             self._ahead = replace(self.problem, horizon=horizon)
-        if self.problem.cost.windows is not None:  # times of the run
-            cost = self.problem.cost.from_step(now + self.lag)
-            self._ahead = replace(self._ahead, cost=cost)
 
     def _plan(
         self,

@@ -25,21 +25,27 @@ def make_upright(dtype: type, given: type | None = None) -> wp.Function:
     return upright
 
 
+MADE = {wp.float64: 1.0, wp.float32: 4.0}  # roundings where distances are computed in it, too
+ROUNDS = {wp.float64: 2.0**-52, wp.float32: 2.0**-24}  # of a length, as it is given
+
+
 @cached
-def make_told(dtype: type, given: type) -> wp.Function:
+def make_told(dtype: type, given: type, rounds: float = 1.0) -> wp.Function:
     """told(gap, n, ra, rb, pa, pb) -> a distance along n, less what rounding may have made of it, or 0:
-    centres and radii are rounded to the precision that they are given in.
+    centres and sizes are rounded to the precision that they are given in. Radii are those of whole shapes: a
+    corner or end is as uncertain as the centre and the half size that it is placed by. `rounds`: how many
+    roundings of all of these there may be, if not those of the data alone.
     """
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
-    ROUNDING = dtype(2.0**-24 if given is wp.float32 else 2.0**-52)
+    ROUNDING = dtype(rounds * ROUNDS[given])
 
     @wp.func
     def told(gap: dtype, n: V2, ra: V2, rb: V2, pa: V4, pb: V4):
         lengths = wp.abs(n[0]) * (wp.abs(pa[0]) + wp.abs(pb[0]))
         lengths += wp.abs(n[1]) * (wp.abs(pa[1]) + wp.abs(pb[1]))
         lengths += wp.max(ra[0], ra[1]) + wp.max(rb[0], rb[1])
-        rounds = ROUNDING * lengths
-        return gap - wp.clamp(gap, -rounds, rounds)
+        most = ROUNDING * lengths
+        return gap - wp.clamp(gap, -most, most)
 
     return told
 
@@ -155,6 +161,11 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     distance = make_distance(kind_a, kind_b, dtype)
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     radii_a, radii_b = make_shape_size(s, a, dtype, end_a), make_shape_size(s, b, dtype, end_b)
+    told, RADIUS = make_told(dtype, dtype, MADE[dtype]), layout(s).offset("radius")
+
+    @wp.func
+    def whole(world: t.World, first: int):
+        return V2(world.params[first], world.params[first + 1])
 
     def make_pair_support(radii: wp.Function, kind: str) -> wp.Function:
         round_support = make_round_support(kind, dtype)
@@ -182,7 +193,11 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
             """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
             pa = wp.static(pose_a)(world, fr)
             pb = wp.static(pose_b)(world, fr)
-            return wp.static(found)(wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb, warm)
+            g = wp.static(found)(wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb, warm)
+            wide_a = whole(world, wp.static(RADIUS + 2 * a))
+            wide_b = whole(world, wp.static(RADIUS + 2 * b))
+            g[2] = told(g[2], V2(g[0], g[1]), wide_a, wide_b, pa, pb)
+            return g
 
         return geometry
 

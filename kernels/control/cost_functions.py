@@ -19,16 +19,19 @@ def check_cost(functions, dtype, VX, VU):
 
 @cached
 def make_plain(make):
-    """A cost from ``make(dtype, VX, VU) -> (running(x, u, k), final(x) or None)``."""
+    """A cost from ``make(dtype, VX, VU) -> (running(x, u, k), final(x) or None)``; weights: the step of the
+    user's that step 0 is, and how many of these a step is.
+    """
 
     def adapted(dtype, VX, VU):
         user_running, user_final = make(dtype, VX, VU)
         has_final = user_final is not None
-        ZERO = dtype(0.0)
+        ZERO, HALF = dtype(0.0), dtype(0.5)
 
         @wp.func
         def running(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, k: int):
-            return user_running(x, u, k)
+            step = wp.floor(weights[row, 0] + dtype(k) * weights[row, 1] + HALF)
+            return user_running(x, u, int(step))
 
         @wp.func
         def final(weights: wp.array2d(dtype=dtype), row: int, x: VX):

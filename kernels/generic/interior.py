@@ -42,7 +42,7 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
     NEAREST, CLOSE = dtype(1e-6), dtype(0.005)  # kept of the way to the boundary
     CAREFUL, FARTHEST = dtype(1e-3), dtype(0.1)  # where that failed
     TINY = dtype(1e-30)
-    HALF_ULP, LENGTHS = dtype(2.0**-24), dtype(4.0)  # of float32; a gap is of two centres and two radii
+    HALF_ULP, LENGTHS = dtype(2.0**-24), dtype(6.0)  # of float32; of two centres, and of two sizes twice
     RADIUS, H = COLUMN["radius"], COLUMN["step_size"]
     DIVERGED = dtype(1e12)
     FASTEST = dtype(1e6)  # V, relative to the size of the problem and to v_free

@@ -108,10 +108,12 @@ def make_shapes(given: type) -> SimpleNamespace:
         return radii(t, k, t.pair_b[pair], t.pair_ends[2 * pair + 1])
 
     @wp.func
-    def parts(k: wp.ref[Slot], pair: int, g: GEO, ra: V2, rb: V2, pa: V4, pb: V4):
+    def parts(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, g: GEO, pa: V4, pb: V4):
         """What `geometry` gives back."""
         n = V2(g[0], g[1])
         k.normal[pair] = n
+        ra = radii(t, k, t.pair_a[pair], 0)
+        rb = radii(t, k, t.pair_b[pair], 0)
         return g[0], g[1], told(g[2], n, ra, rb, pa, pb), g[3], g[4], g[5], g[6]
 
     @wp.func(inline=False)
@@ -125,15 +127,15 @@ def make_shapes(given: type) -> SimpleNamespace:
         ra = radii_a(t, k, pair)
         rb = radii_b(t, k, pair)
         if t.pair_kind[pair] == PLANE:
-            return parts(k, pair, plane_distance.geometry(ra, rb, pa, pb, V2()), ra, rb, pa, pb)
+            return parts(t, k, pair, plane_distance.geometry(ra, rb, pa, pb, V2()), pa, pb)
         if t.pair_kind[pair] == LONG:
-            return parts(k, pair, long_distance.geometry(ra, rb, pa, pb, V2()), ra, rb, pa, pb)
+            return parts(t, k, pair, long_distance.geometry(ra, rb, pa, pb, V2()), pa, pb)
         if t.pair_kind[pair] == BLOCK:
             block = size(t, k, t.pair_a[pair])
-            return parts(k, pair, block_distance.geometry(block, rb, pa, pb, V2()), ra, rb, pa, pb)
+            return parts(t, k, pair, block_distance.geometry(block, rb, pa, pb, V2()), pa, pb)
         if t.pair_kind[pair] == HOLLOW:
-            return parts(k, pair, hollow_distance.geometry(ra, rb, pa, pb, V2()), ra, rb, pa, pb)
-        return parts(k, pair, round_distance.geometry(ra, rb, pa, pb, k.normal[pair]), ra, rb, pa, pb)
+            return parts(t, k, pair, hollow_distance.geometry(ra, rb, pa, pb, V2()), pa, pb)
+        return parts(t, k, pair, round_distance.geometry(ra, rb, pa, pb, k.normal[pair]), pa, pb)
 
     @wp.func
     def bound(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, ra: V2, rb: V2, pa: V4, pb: V4):

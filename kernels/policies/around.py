@@ -131,12 +131,13 @@ def make_noise_kernel(nx: int, dtype: type) -> wp.Kernel:
         first: int,
         k: int,
         seed: int,
+        stream: int,
         deviation: wp.array(dtype=dtype),  # (nx,)
         noise: wp.array2d(dtype=dtype),  # out (B, nx)
     ):
         i = first + wp.tid()
         for j in range(nx):
-            noise[i, j] = deviation[j] * normals(seed, i, k, SENSOR + j)[0]
+            noise[i, j] = deviation[j] * normals(seed, i, k, stream + j)[0]
 
     return noise_kernel
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,11 @@ from slcp_warp.kernels.factories import cached
 
 from ..inputs.checks import array, flag, function, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
-from ..inputs.user_code import UNKNOWN, Known, check_indices, of_user
-from .windows import Windows
+from ..inputs.user_code import UNKNOWN, Known, check_indices, of_user, reads
+from .windows import ROUNDING, Windows
+
+Moved = Callable[[np.ndarray, int, float, int | None], np.ndarray]
+# (weights, first, pace, nodes) -> those of a cost whose step j is step first + j pace of this one
 
 
 class Cost:
@@ -57,6 +61,8 @@ class Cost:
         self.nx, self.nu, self.nodes, self.steady = nx, nu, nodes, flag("steady", steady)
         self.points: tuple[Any, ...] = ()  # of bodies, that terms are of; in the order of the weights
         self.windows: Windows | None = None  # of time, in which running terms count
+        self._moved: Moved | None = None  # weights of other steps, where these are data
+        self._asked: tuple[Callable[..., Any], int] | None = None  # what tells whether it asks for the step
         own = np.zeros(values.shape[-1]) if fixed is None else array("fixed", fixed, (values.shape[-1],))
         self.fixed = own != 0.0
 
@@ -67,7 +73,7 @@ class Cost:
     def with_weights(self, weights: Any) -> "Cost":
         """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
         other = Cost(self.make, weights, self.nx, self.nu, self.nodes, steady=self.steady)
-        other.fixed, other.points, other.windows = self.fixed, self.points, self.windows
+        self._hand_on(other)
         if other.weights.shape[-1] != self.weights.shape[-1]:
             raise ArgumentError(
                 f"weights must have {self.weights.shape[-1]} columns, got {other.weights.shape[-1]}"
@@ -83,30 +89,74 @@ class Cost:
             )
         return other
 
-    def from_step(self, first: int) -> "Cost":
-        """The cost of the steps from this one on, which becomes step 0."""
-        if first == 0 or self.steady:
+    def follows_steps(self, nx: int, nu: int) -> bool:
+        """Whether its running function may be another one from step to step."""
+        if self.steady or self.windows is not None or self.nodes is not None:
+            return not self.steady
+        if self._asked is None:
+            return reads(self.functions(wp.float64, nx, nu).running, 4)
+        make, place = self._asked
+        vectors = wp.types.vector(nx, wp.float64), wp.types.vector(max(nu, 1), wp.float64)
+        return reads(make(wp.float64, *vectors)[0], place)
+
+    def check_moves(self, nx: int, nu: int, why: str) -> None:
+        """Raise ArgumentError for a cost of the step's number that is code for these steps alone."""
+        if self.windows is None and self._moved is None and self.follows_steps(nx, nu):
+            raise ArgumentError(
+                f"{why}; the cost's running function asks for the step's number, and is code for its own "
+                "steps alone: costs.terms with start and end, costs.quadratic with a target of every node or "
+                "costs.plain can be of others"
+            )
+
+    def from_step(self, first: int, horizon: int | None = None) -> "Cost":
+        """The cost of the steps from this one on, which becomes step 0; what is given by node then ends where
+        it does, or goes on with its last node over a horizon.
+        """
+        if self.steady or (first == 0 and horizon is None):
             return self
         if self.windows is not None:
             return self._within(
                 replace(self.windows, begun=self.windows.begun + first * self.windows.step_size)
             )
-        nodes = None if self.nodes is None else self.nodes - first
+        nodes = None
+        if self.nodes is not None:
+            nodes = self.nodes - first if horizon is None else horizon + 1
+        if self._moved is not None:
+            return self._with(self._moved(self.weights, first, 1.0, nodes), nodes)
         other = Cost(make_later(self.make, first), self.weights, self.nx, self.nu, nodes)
         other.fixed = self.fixed
         return other
 
-    def in_steps_of(self, step_size: float) -> "Cost":
-        """The cost of steps of another size [s]: windows of terms are times."""
-        if self.windows is None or self.windows.step_size == step_size:
+    def in_steps_of(self, step_size: float, own: float | None = None) -> "Cost":
+        """The cost of steps of another size [s]: windows of terms are times; so is what belongs to nodes or
+        steps of a size `own`, where it is given.
+        """
+        if self.windows is not None:
+            same = self.windows.step_size == step_size
+            return self if same else self._within(replace(self.windows, step_size=step_size))
+        if self.steady or own is None or step_size == own or self._moved is None:
             return self
-        return self._within(replace(self.windows, step_size=step_size))
+        nodes = None if self.nodes is None else max(1, round((self.nodes - 1) * own / step_size)) + 1
+        return self._with(self._moved(self.weights, 0, step_size / own, nodes), nodes)
 
     def _within(self, windows: Windows) -> "Cost":
         """With other windows."""
-        other = Cost(self.make, windows.into(self.weights), self.nx, self.nu, self.nodes)
-        other.fixed, other.points, other.windows = self.fixed, self.points, windows
+        other = self._with(windows.into(self.weights), self.nodes)
+        other.windows = windows
         return other
+
+    def _with(self, weights: np.ndarray, nodes: int | None) -> "Cost":
+        """With other weights, of other nodes."""
+        other = Cost(self.make, weights, self.nx, self.nu, nodes, steady=self.steady)
+        self._hand_on(other)
+        return other
+
+    def _hand_on(self, other: "Cost") -> None:
+        """What the same functions have with whatever weights."""
+        for name in ("points", "windows", "_moved", "_asked"):
+            setattr(other, name, getattr(self, name))
+        if other.weights.shape[-1] == self.weights.shape[-1]:
+            other.fixed = self.fixed
 
     def rows(self, batch: int) -> np.ndarray:
         """Weights as rows (1 or B, max(P, 1))."""
@@ -139,7 +189,27 @@ def plain(make: Callable[..., Any]) -> Cost:
     Derivatives come from differences in double precision (see `slcp_warp.kernels.control.costs`).
     """
     function("make", make, 3)
-    return Cost(make_plain(make))
+    cost = Cost(make_plain(make), [0.0, 1.0])
+    cost._moved, cost._asked = _other_steps, (make, 2)
+    return cost
+
+
+def _other_steps(weights: np.ndarray, first: int, pace: float, nodes: int | None) -> np.ndarray:
+    """Of a plain cost."""
+    start, own = weights[..., :1], weights[..., 1:]
+    return np.concatenate([start + first * own, pace * own], axis=-1)
+
+
+def _other_targets(weights: np.ndarray, first: int, pace: float, nodes: int | None, nx: int, nu: int) -> Any:
+    """Of a quadratic cost, between its nodes, and beyond them at the last."""
+    before = 2 * nx * nx + nu * nu
+    given = weights[..., before:].reshape(*weights.shape[:-1], -1, nx)
+    at = np.minimum(first + pace * np.arange(nodes), given.shape[-2] - 1.0)
+    low = np.floor(at + ROUNDING).astype(int)
+    share = np.maximum(at - low, 0.0)[:, None]
+    high = np.minimum(low + 1, given.shape[-2] - 1)
+    targets = (1.0 - share) * given[..., low, :] + share * given[..., high, :]
+    return np.concatenate([weights[..., :before], targets.reshape(*weights.shape[:-1], -1)], axis=-1)
 
 
 def quadratic(Q: Any, R: Any, Qf: Any = None, target: Any = None) -> Cost:
@@ -172,4 +242,6 @@ def quadratic(Q: Any, R: Any, Qf: Any = None, target: Any = None) -> Cost:
         raise ArgumentError(f"target must have shape ({nx},) or (N+1, {nx}), got {target.shape}")
     weights = np.concatenate([a.ravel() for a in (Q, R, Qf, target)])
     nodes = len(target) if target.ndim == 2 and len(target) > 1 else None
-    return Cost(make_quadratic, weights, nx=nx, nu=nu, nodes=nodes, steady=nodes is None)
+    cost = Cost(make_quadratic, weights, nx=nx, nu=nu, nodes=nodes, steady=nodes is None)
+    cost._moved = partial(_other_targets, nx=nx, nu=nu)
+    return cost

@@ -26,6 +26,7 @@ from ..tasks.task import RECORDED
 from .by_periods import OnHost, by_periods, handed_on
 from .run_worlds import run_worlds, sweep_kernel
 from .worlds import Worlds
+from .worlds.between import counted_in_steps
 from .worlds.columns import read_columns
 from .worlds.draws import Draws, Given
 from .worlds.events import events_of, put_pushes
@@ -124,7 +125,12 @@ class Case:
         self._conditions = _conditions(sim, draws.disturbances, limits, record)
         self._conditions.seed, self._conditions.duration = seed, duration
         self._conditions.step = step_size
-        cost = None if cost is None or not priced(measures) else cost.in_steps_of(step_size)
+        cost = (
+            None if cost is None or not priced(measures) else cost.in_steps_of(step_size, sim.scene.step_size)
+        )
+        self._counted = counted_in_steps(draws.disturbances)
+        if cost is not None and cost.follows_steps(sim.nx, sim.nu):
+            self._counted.append("the cost that is measured")
         self.table = MeasureTable(measures, sim.scene, failure, cost)
 
     @property
@@ -142,8 +148,8 @@ class Case:
         records: wp.array = wp.zeros((count, *self.records), dtype=wp.float32, device=self.sim.device)
         self._conditions.world0 = world0
         policy = self.policy
-        if self._timed is not None:  # a plan: no world makes steps of another size
-            at_step_size(self._timed, *read_columns(worlds.params, [STEP_SIZE]))
+        if self._timed is not None or self._counted:  # no world makes steps of another size
+            self._check_sizes(np.ravel(read_columns(worlds.params, [STEP_SIZE])))
         if not isinstance(policy, tuple):
             policy = OnHost(self.sim, policy, self._conditions, worlds)
         noted = nothing_noted(self.sim, count)
@@ -157,6 +163,18 @@ class Case:
             "unsolved_time": seen[:, STOPPED].copy(),
         }
         return found | self.draws.columns(worlds, world0)
+
+    def _check_sizes(self, sizes: np.ndarray) -> None:
+        """Raise ArgumentError for step sizes of worlds that a plan, or what is counted in steps, has not."""
+        if self._timed is not None:
+            at_step_size(self._timed, sizes)
+        step = self._conditions.step
+        if self._counted and not np.allclose(sizes, step, rtol=1e-6, atol=0.0):
+            raise ArgumentError(
+                f"{' and '.join(self._counted)} count in steps of {step:g} s; the worlds make steps of "
+                f"{sizes.min():g} to {sizes.max():g} s (step_size is drawn, or given by world), and one for "
+                "all is needed: one after the other by step_sizes="
+            )
 
 
 def _road(sim: Simulator, policy: Any) -> Any:

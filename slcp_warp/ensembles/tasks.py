@@ -91,8 +91,11 @@ class TaskSweep:
         self._judged: list[Measure] = list(task.measures.values())
         self._judged += [] if task.success is None else task.success.parts()
         self._judged += [] if task.failure is None else [first_time(task.failure)]
-        for size in sizes if priced(self._judged) else ():
-            task.cost.in_steps_of(size)  # before the first world runs: times that steps of it do not have
+        for size in sizes if priced(self._judged) else ():  # before the first world runs
+            task.cost.in_steps_of(size)  # times that steps of it do not have
+            if size != task.scene.step_size:
+                why = f"step_sizes asks for {size:g} s, and measures.cost() is of a plan of other steps"
+                task.cost.check_moves(2 * task.scene.nv, task.scene.nu, why)
         self.simulators = {
             label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
             for label, options in self.cases.items()

@@ -58,6 +58,16 @@ def check_indices(label: str, function: Any, *known: Known) -> None:
         raise ArgumentError(f"{label}: {wrong}")
 
 
+def reads(function: Any, place: int) -> bool:
+    """Whether a function names its argument at a place; True where its code is not known."""
+    adjoint: Any = getattr(function, "adj", None)
+    body = adjoint.tree.body[0] if getattr(adjoint, "tree", None) is not None else None
+    if not isinstance(body, ast.FunctionDef) or len(body.args.args) <= place:
+        return True
+    name = body.args.args[place].arg
+    return any(isinstance(n, ast.Name) and n.id == name for n in ast.walk(body))
+
+
 @functools.lru_cache(1024)
 def _wrong(function: Any, known: tuple[Known, ...], depth: int) -> str:
     """What is wrong, in words, or ""."""

@@ -32,7 +32,7 @@ class Around:
         hold: steps that a control is held; the policy is asked in steps 0, hold, 2 hold, ... only.
         noise: standard deviations of white noise on the state that the policy sees, by state name, (nx,), or
             one for all; None: none.
-        seed: of the noise, which depends on it, the world's number and the step.
+        seed: of the noise, which depends on it, the world's number, the step, and on how many are inside.
 
     Raises:
         ArgumentError: what is out of range, or with a simulator of another size or unknown.
@@ -75,11 +75,18 @@ class Around:
         kernel = around_kernel(inner, Between(self.delay, self.hold > 1, bool(noise.any())), timed)
         struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
         struct.inner, struct.delay, struct.hold = inside, self.delay, self.hold
-        struct.seed, struct.stream = self.seed, SENSOR
+        struct.seed, struct.stream = self.seed, self.stream(sim.nx)
         limits = (lower[0], upper[0]) if bounded(lower, upper) else ([], [])
         for name, values in (("noise", noise), ("lower", limits[0]), ("upper", limits[1])):
             setattr(struct, name, wp.array(np.asarray(values, float), dtype=sim.dtype, device=sim.device))
         return kernel, struct
+
+    def stream(self, nx: int) -> int:
+        """The first stream of its noise: each inside has its own."""
+        inside, policy = 0, self.policy
+        while isinstance(policy, Around):
+            inside, policy = inside + 1, policy.policy
+        return SENSOR + inside * nx
 
     def content(self) -> Content:
         """What it is made from, see `saved`."""

@@ -94,6 +94,7 @@ class Task(Printed):
         ):
             instance(f"Task.{name}", getattr(self, name), kind, need)
         put = object.__setattr__
+        put(self, "_given", {each.name: getattr(self, each.name) for each in fields(self)})
         self._put_periods()
         if self.observation is not None:
             put(self, "observation", checked("Task.observation", self.observation))
@@ -283,10 +284,11 @@ class Task(Printed):
         return picture.figure(self)
 
     def replace(self, **changes: Any) -> "Task":
-        """The same task with other fields.
+        """The same task with other fields; what was left out of the others follows from these again, as the
+        start from the scene and the duration from the horizon.
 
         Raises:
             TaskError: a field that a task has not got, or a value that it cannot have.
         """
         names("replace", tuple(changes), [each.name for each in fields(self)], error=TaskError)
-        return replace(self, **changes)
+        return replace(self, **(vars(self)["_given"] | changes))

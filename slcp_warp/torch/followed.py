@@ -114,7 +114,7 @@ class FollowedAround:
 
     def __init__(self, policy: Around, inner: Followed, sim: Simulator, like: Tensor) -> None:
         self.inner, self.delay, self.hold, self.seed = inner, policy.delay, policy.hold, policy.seed
-        self._sim = sim
+        self._sim, self._stream = sim, policy.stream(sim.nx)
         self._noise: Any = wp.array(policy.deviations(sim), dtype=sim.dtype, device=sim.device)
         self._noisy = bool(policy.deviations(sim).any())
         lower, upper = limit_rows(policy.limits, sim.nu)
@@ -132,7 +132,7 @@ class FollowedAround:
         kernel = make_noise_kernel(self._sim.nx, self._sim.dtype)
         with stream(x):
             noise = self._sim.empty(*x.shape)
-            launch(kernel, len(x), [k, self.seed, self._noise, noise], self._sim.device)
+            launch(kernel, len(x), [k, self.seed, self._stream, self._noise, noise], self._sim.device)
             return x + wp.to_torch(noise)
 
     def __call__(self, k: int, x: Tensor, memory: Memory) -> tuple[Tensor, Memory]:

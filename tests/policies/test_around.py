@@ -144,3 +144,13 @@ def test_what_cannot_be_around_a_policy_says_so(case):
     make, text = BAD[case]
     with pytest.raises(slcp.InputError, match=text):
         simulator("cpu", "generic").rollout(STARTS, policy=make(), steps=2)
+
+
+def test_noise_inside_noise_is_other_noise(device):
+    """Of the same seed both were the same numbers: .204 in place of .1 times the root of two."""
+    sim = loose(device)
+    noisy = policies.Linear(-np.eye(1, sim.nx), np.zeros(sim.nx))
+    for depth in range(1, 4):
+        noisy = policies.Around(noisy, noise=0.1)
+        run = sim.rollout(np.zeros((4000, sim.nx)), policy=noisy, steps=1, record="controls")
+        assert run.controls[:, 0, 0].std() == pytest.approx(0.1 * np.sqrt(depth), rel=0.05)

@@ -1,5 +1,7 @@
 """What ends a run, and what it cost: against loops in NumPy and against plans."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_disturbances import FORCE, GOAL, SCENE, H, K, N, swept, task
@@ -114,3 +116,18 @@ def test_costs_and_failures_that_cannot_be(tmp_path):
     slcp.save_task(failing(0.36), tmp_path / "task.json")
     again = slcp.load_task(tmp_path / "task.json")
     assert again.failure.clauses == failure(0.36).clauses and again.measures == MEASURED
+
+
+def test_what_follows_from_other_fields_follows_them_in_a_task_that_replaces_them():
+    """The start of another scene, the duration of a longer plan, a period that is none: these were kept."""
+    cart = slcp.Scene("cart", (slcp.Body("cart", 1.0, 0.1, joint="prismatic"),
+                               slcp.Body("pole", 1.0, 0.1, joint="revolute", parent="cart")))  # fmt: skip
+    other = replace(cart, initial_state=(1.0, 0.5, 0.0, 0.0), step_size=0.5 * cart.step_size)
+    own = slcp.Task("t", cart, horizon=40, periods={"pole.angle": "turn"})
+    assert own.replace(scene=other).start.tolist() == [[1.0, 0.5, 0.0, 0.0]]
+    assert own.replace(start={"pole.angle": 0.1}, scene=other).start.tolist() == [[1.0, 0.1, 0.0, 0.0]]
+    assert own.replace(scene=other).duration == pytest.approx(20 * cart.step_size)
+    assert own.replace(horizon=80).duration == pytest.approx(80 * cart.step_size)
+    assert own.replace(duration=1.0).replace(horizon=80).duration == 1.0
+    assert own.replace(periods={}).scene.period is None
+    assert own.replace(scene=other).scene.period[1] == pytest.approx(2.0 * np.pi)

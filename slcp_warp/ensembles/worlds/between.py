@@ -125,6 +125,11 @@ class HostBetween(OfHost):
         return out
 
 
+def counted_in_steps(d: Disturbances) -> list[str]:
+    """What disturbances have between policy and world that is rounded to steps of one size, by its name."""
+    return [f"Disturbances.{name}" for name in ("delay", "hold") if getattr(d, name)]
+
+
 def steps_of(d: Disturbances, step_size: float) -> tuple[int, int]:
     """Steps of the delay and of the hold, the nearest; of drawn ones the most.
 
