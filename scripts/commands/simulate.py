@@ -73,8 +73,14 @@ def simulate_command(
     for line in warnings(run):
         typer.echo(f"slcp: {line}", err=True)
     console.print(summary(run))
-    if task is not None and (table := judged(run, chosen)[0]) is not None:
-        console.print(table)
+    if task is not None:
+        if (table := judged(run, chosen)[0]) is not None:
+            console.print(table)
+        if left_out := chosen.disturbances.left_out():
+            console.print(
+                f"undisturbed: the task's {', '.join(left_out)} do not act here; `slcp sweep` runs its "
+                "disturbed worlds, slcp.replay any of them step by step"
+            )
     wrote(path)
     if not (run.recorded("status") == slcp.Status.SOLVED).any():
         raise typer.Exit(1)

@@ -10,6 +10,8 @@ import typer
 
 import slcp_warp as slcp
 from slcp_warp.ensembles.worlds.nominal import nominal
+from slcp_warp.storage.archive import open_archive
+from slcp_warp.storage.files import FileError, reading
 
 from ..support.options import Device, refuse
 from ..support.policies import POLICY, named_policies
@@ -19,7 +21,8 @@ from ..support.simulators import default_scaling, named_scene
 from ..support.tasks import found_task
 from ..watch.engine import Engine
 from ..watch.player import Player
-from ..watch.record import Replay
+from ..watch.record import FORMAT, Replay
+from ..watch.run import Run
 from ..watch.scenario import buttons_of
 from ..watch.world import Subject
 
@@ -41,7 +44,7 @@ def watch_command(
         list[str] | None, typer.Option(help="Task whose kicks and pushes are buttons, as of `slcp falsify`.")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of what is recorded.")] = Path("."),
-    replay: Annotated[Path | None, typer.Option(help="Show a recorded run instead.")] = None,
+    replay: Annotated[Path | None, typer.Option(help="Show a record or a trajectory instead.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="On the loopback; 0: any.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page.")] = True,
     rules: Rules = NO_RULES,
@@ -55,7 +58,7 @@ def watch_command(
     engine: Engine
     if replay is not None:
         refuse(context, OF_TASKS, "of a TASK, not of --replay")
-        engine = Player(Replay(replay), device)
+        engine = Player(shown(replay), device)
     else:
         assert what is not None
         checked_folder(out)
@@ -77,6 +80,13 @@ def watch_command(
         asyncio.run(_serve(server, browser))
     except KeyboardInterrupt:  # how it ends; what was being recorded is on disk by now
         raise typer.Exit(INTERRUPTED) from None
+
+
+def shown(path: Path) -> Replay | Run:
+    """A file's record, or its trajectory."""
+    with reading(path, "a watched run or a trajectory", FileError), open_archive(path) as archive:
+        kind = archive.header.get("format")
+    return Replay(path) if kind == FORMAT else Run(path)
 
 
 async def _serve(server: Any, browser: bool) -> None:

@@ -11,6 +11,7 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp.ddp.library.entries import scene_digest
 from slcp_warp.ensembles.sweep import sweep_scene
+from slcp_warp.storage.printed import percent as percent_of
 
 from ..support.policies import named_policy
 from ..support.rules import NO_RULES, Rules
@@ -63,8 +64,8 @@ def case_name(case: dict[str, Any]) -> str:
 
 def percent(values: tuple[float, float, float]) -> str:
     """A share with its interval, in percent: "94.8 [93.3, 96.0]"."""
-    share, low, high = (100.0 * value for value in values)
-    return f"{share:.1f} [{low:.1f}, {high:.1f}]"
+    share, low, high = map(percent_of, values)
+    return f"{share} [{low}, {high}]"
 
 
 def plus_minus(values: tuple[float, float, float], form: str = ".3f") -> str:

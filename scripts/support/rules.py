@@ -69,9 +69,11 @@ class Rules:
         for name in names:
             residual = residual_of(name, "--residuals")
             own = self._of_residual(residual)
-            if _label(name, own) in found:
+            case = dataclasses.replace(options.with_residual(residual), **own)
+            label = _label(name, own, case)
+            if label in found:
                 raise ValueError(f"--residuals is {residuals!r}, which names {name} more than once")
-            found[_label(name, own)] = dataclasses.replace(options.with_residual(residual), **own)
+            found[label] = case
             unused -= set(own)
         if unused:
             rule = min(unused)
@@ -94,10 +96,11 @@ class Rules:
         return {rule: value for rule, value in self.given.items() if rule not in without}
 
 
-def _label(name: str, own: dict[str, Any]) -> str:
-    """What a case is called: its residual, and what it has that others of the table have not."""
-    words = {"friction": "", "gap": "gap "}
-    return ", ".join((name, *(f"{words[rule]}{own[rule]}" for rule in words if rule in own)))
+def _label(name: str, own: dict[str, Any], case: slcp.Options) -> str:
+    """What a case is called: its residual, and what is given, or the task's, that it has not by itself."""
+    words, plain = {"friction": "", "gap": "gap "}, slcp.Options()
+    has = [rule for rule in words if rule in own or getattr(case, rule) != getattr(plain, rule)]
+    return ", ".join((name, *(f"{words[rule]}{getattr(case, rule)}" for rule in has)))
 
 
 def told(options: slcp.Options) -> list[str]:

@@ -2,23 +2,29 @@
 
 from typing import Any
 
+import numpy as np
+
 from .engine import Engine
 from .record import Replay
+from .run import Run
 from .world import Subject
 
 
 class Player(Engine):
-    """Shows a record's states; "seek" goes to a share of it.
+    """Shows a record's states, or a trajectory's; "seek" goes to a share of it.
 
     Args:
-        replay: the record.
+        replay: the record, or the run.
         device: as of a simulator.
     """
 
-    def __init__(self, replay: Replay, device: str | None = None) -> None:
+    def __init__(self, replay: Replay | Run, device: str | None = None) -> None:
         name, scene, options = replay.task()
         self.replay, self.at = replay, 0
-        super().__init__(Subject(name, scene, options, replay.arrays["states"][0]), device=device)
+        own = replay.parameters if isinstance(replay, Run) else None
+        super().__init__(Subject(name, scene, options, replay.arrays["states"][0], own=own), device=device)
+        if own is not None:
+            self.worlds.turn({"step_size": float(np.ravel(own["step_size"])[0])})
 
     def tick(self) -> None:
         """Show the next state; from the beginning after the last."""

@@ -24,6 +24,7 @@ class Subject:
         name: of the task or the scene.
         scene, options: as of a simulator; options of the smoothed problem, or of the hard one alone.
         rules: options of the steps, of each problem those that it has.
+        own: parameters that knobs change; None: the scene's.
         start: (B, nx), one a world.
         limits: of the controls, (lower, upper) or None.
         task: where it is one.
@@ -36,6 +37,7 @@ class Subject:
     limits: Any = None
     task: slcp.Task | None = None
     rules: Rules = NO_RULES
+    own: slcp.Parameters | None = None
 
     @classmethod
     def of(cls, task: slcp.Task, worlds: int = 1, seed: int = 0, rules: Rules = NO_RULES) -> "Subject":
@@ -104,7 +106,8 @@ class Worlds:
         """Take what the knobs say."""
         self.values |= values
         scene = self.sim.scene
-        self.params = parameters(slcp.Parameters(scene), self.values)
+        own = slcp.Parameters(scene) if self.subject.own is None else self.subject.own
+        self.params = parameters(own, self.values)
         self.mechanism = Mechanism(scene, {name: np.asarray(self.params[name]) for name in self.params.names})
 
     def choose(self, variant: str) -> None:

@@ -14,7 +14,7 @@ from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError
 from ..options import Status
 from ..runs.parts import in_memory
-from ..storage.printed import Printed, Table, counted
+from ..storage.printed import Printed, Table, counted, percent, percents
 from ..tasks.task import Task
 from .chunks import ARMS, KEYS
 from .statistics import files
@@ -235,9 +235,8 @@ class Report(Printed):
         rows, summary = [], self.summary
         deep = any(row["overlapping"].get("worlds") for row in summary)
         for row in summary:
-            share, low, high = (100.0 * value for value in row["success"])
             alone = row["arm"] != ARMS[0]  # a handful of worlds that are always the same
-            success = f"{share:.1f}" if alone else f"{share:.1f} ({low:.1f} to {high:.1f})"
+            success = percent(row["success"][0]) if alone else percents(row["success"])
             means = [_mean(row, name) for name in self.measures]
             unsolved = row["worlds"] - row["statuses"][Status.SOLVED.name]
             begin = [overlap_text(row["overlapping"])] if deep else []

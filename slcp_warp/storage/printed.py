@@ -36,6 +36,20 @@ def counted(number: int, one: str, several: str = "") -> str:
     return f"{number:,} {one if number == 1 else several or one + 's'}"
 
 
+def percent(share: float) -> str:
+    """A share in percent, with as many digits as tell it from none and from all: "94.8", "99.9955"."""
+    value, digits = 100.0 * share, 1
+    while digits < 8 and 0.0 < value < 100.0 and round(value, digits) in (0.0, 100.0):
+        digits += 1
+    return f"{value:.{digits}f}"
+
+
+def percents(interval: Sequence[float]) -> str:
+    """(share, low, high) in percent: "94.8 (93.3 to 96.0)"."""
+    share, low, high = map(percent, interval)
+    return f"{share} ({low} to {high})"
+
+
 @dataclass(frozen=True)
 class Table:
     """A table, of bounded size.

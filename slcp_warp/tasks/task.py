@@ -46,7 +46,8 @@ class Task(Printed):
         scene: the mechanism; its step size and noise level are those of plans.
         cost: of a plan, see `slcp_warp.costs`; left out: the task is not planned, only judged.
         horizon: steps of a plan; None: the task is not planned.
-        options: what a plan's steps solve.
+        options: what a plan's steps solve; smoothed contact tells DDP what to touch. Cases of a sweep judge
+            under others.
         duration: of a run [s], in as many steps as come nearest to it, at least one; None: as long as a plan,
             which then has to have a horizon.
         control_limits: (lower, upper), each a number or (nu,); None: none. They hold in plans and for

@@ -8,7 +8,8 @@ import pytest
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp import measures as m
-from slcp_warp.storage.printed import LINE, ROWS, Arrays, Printed, Table, cut
+from slcp_warp.ensembles.statistics import share_interval
+from slcp_warp.storage.printed import LINE, ROWS, Arrays, Printed, Table, cut, percent, percents
 
 SCENE = slcp.scenes.push_block()
 H, W, STATES = 3, 2, (2, 4, 8)
@@ -167,3 +168,10 @@ def test_what_has_no_rows_and_no_controls_prints(worlds):
     run = slcp.Trajectory(np.zeros((worlds, 3, 2)), status, simulated=known)
     for thing in (step, slopes, run):
         assert f"{worlds} worlds" in str(thing)
+
+
+def test_shares_are_told_from_all_and_from_none():
+    """Nine failures of 200,000 were "100.0 (100.0 to 100.0)"."""
+    assert [percent(share) for share in (0.0, 1.0, 0.948)] == ["0.0", "100.0", "94.8"]
+    assert percent(1.0 - 9 / 200_000) == "99.996" and percent(2e-6) == "0.0002"
+    assert percents(share_interval(199_991, 200_000)) == "99.996 (99.991 to 99.998)"

@@ -194,6 +194,13 @@ class Disturbances:
         spans = {name: getattr(self, name) for name in kernels.TIMING_FIELDS}
         return Disturbances(**{name: v for name, v in spans.items() if not isinstance(v, Distribution)})
 
+    def left_out(self) -> tuple[str, ...]:
+        """Names of what does not act in undisturbed worlds."""
+        fixed = self.fixed()
+        return tuple(
+            each.name for each in fields(self) if getattr(self, each.name) != getattr(fixed, each.name)
+        )
+
     def timing_laws(self) -> laws.Laws:
         """How delay and hold are drawn; no columns where all worlds have the same."""
         events = [(self.delay, self.hold)] if self.timed else []

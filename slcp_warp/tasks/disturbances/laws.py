@@ -52,9 +52,10 @@ class Laws(NamedTuple):
 
     @property
     def varied(self) -> np.ndarray:
-        """Columns that differ from world to world."""
-        even = self.law == LAWS.index("uniform")
+        """Columns that differ from world to world: no factor changes a number that is 0."""
+        even, factor = (self.law == LAWS.index(law) for law in ("uniform", "log-normal"))
         spread = np.where(even, self.second - self.first, self.first)
+        spread = np.where(factor & (np.atleast_2d(self.base) == 0.0).all(axis=0), 0.0, spread)
         return np.flatnonzero((self.law > 0) & (spread != 0.0))
 
     def put(self, column: int, drawn: Drawn) -> None:

@@ -30,6 +30,9 @@ def test_a_shove_is_planned_for_other_blocks():
     report = slcp.sweep(task, policies, worlds=512, seed=11, cases=replace(task.options, residual="hard"))
     held = {name: report.part(name)["success"].mean() for name in policies}
     assert held["robust"] > held["nominal"] + 0.05
+    for name, told in (("robust", found.chosen), ("nominal", found.nominal)):
+        assert told[1] - 0.05 < held[name] < told[2] + 0.05
+    assert found.nominal[0] < found.chosen[0]
 
 
 @pytest.mark.full
@@ -74,6 +77,7 @@ def test_numbers_are_lent_by_worlds_in_which_the_best_plan_fails():
     [
         ({"task": "grasp_hold"}, "task is a str"),
         ({"models": 0}, "models is 0"),
+        ({"case": "hard"}, "case is a str"),
         ({"task": slcp.tasks.grasp_hold().replace(success=None)}, "has no success"),
         ({"task": slcp.tasks.flicking_finger()}, "runs 400 steps, and its plans have 75"),
     ],
