@@ -110,8 +110,7 @@ def make_solver(spec: Specialisation) -> wp.Function:
         if wp.static(uneven is not None):
             if uneven(p):
                 return p.vfree, z, VR(), wp.static(NOT_CONVERGED), int(0)
-        v, z_few, lam, status, iterations = solve_few(world, p, z)
-        return v, z_few, lam, judged(world, p, v, status), iterations
+        return solve_few(world, p, z)
 
     if method.fast:
         return solve_fast

@@ -13,6 +13,7 @@ from ..contact.rows import make_pair_jacobian, make_rows
 from ..contact.shapes import make_pair
 from ..factories import cached
 from ..residual.noise import make_noise
+from ..solvers.apart import LARGE
 from ..solvers.law import law_of
 from ..specialisation import Specialisation
 from ..structure import layout
@@ -36,7 +37,9 @@ def make_reach(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
     NR, NP = s.nr, len(s.pairs)
     ALL = (1 << NR) - 1
     ONE = dtype(1.0)
-    H = layout(s).offset("step_size")
+    H, FRICTION = layout(s).offset("step_size"), layout(s).offset("friction")
+    # by `solvers/apart.py`
+    judged = () if method.coulomb or law.weighs else tuple(k for k in range(NP) if s.pairs[k].friction)
     pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
     geometries = tuple(pair.local_geometry if method.fast else pair.geometry for pair in pairs)
     pair_jacobians = tuple(make_pair_jacobian(s, k, dtype) for k in range(NP))
@@ -53,7 +56,7 @@ def make_reach(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
         bent: VR  # what a row has beside it (`end_gap.py`)
         sigma: VR  # noise levels, where they depend on the state
         normal: VN
-        lost: int  # 1: a pair's distance takes a search that this method leaves to another kernel
+        lost: int  # 1: a pair's distance takes a search, or its friction a judge, that others have
 
     def make_deviation(i: int) -> wp.Function:
         @wp.func
@@ -99,6 +102,9 @@ def make_reach(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
                     if wp.static(method.fast):
                         if g[0] == dtype(0.0) and g[1] == dtype(0.0):
                             out.lost = 1
+                        if wp.static(k in judged):
+                            if world.params[wp.static(FRICTION + k)] > dtype(LARGE):
+                                out.lost = 1
                     out.known = out.known | wp.static(pair_bit[k])
                     out.normal[wp.static(2 * k)] = g[0]
                     out.normal[wp.static(2 * k + 1)] = g[1]
