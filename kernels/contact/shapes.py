@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..device.seldom import seldom
 from ..factories import cached
 from ..mechanism.kinematics import make_types
 from ..structure import CORNERS, DISC, HALFPLANE, RECTANGLE, RING, SIDED, WALLS, WORLD, Structure, layout
@@ -26,6 +27,7 @@ def make_upright(dtype: type, given: type | None = None) -> wp.Function:
 
 
 MADE = {wp.float64: 1.0, wp.float32: 4.0}  # roundings where distances are computed in it, too
+TINY = {wp.float64: 1e-9, wp.float32: 1e-4}  # [m] distances that may be roundings, of lengths to 400 m
 ROUNDS = {wp.float64: 2.0**-52, wp.float32: 2.0**-24}  # of a length, as it is given
 
 
@@ -162,6 +164,7 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     radii_a, radii_b = make_shape_size(s, a, dtype, end_a), make_shape_size(s, b, dtype, end_b)
     told, RADIUS = make_told(dtype, dtype, MADE[dtype]), layout(s).offset("radius")
+    NEAR = dtype(TINY[dtype])
 
     @wp.func
     def whole(world: t.World, first: int):
@@ -194,9 +197,10 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
             pa = wp.static(pose_a)(world, fr)
             pb = wp.static(pose_b)(world, fr)
             g = wp.static(found)(wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb, warm)
-            wide_a = whole(world, wp.static(RADIUS + 2 * a))
-            wide_b = whole(world, wp.static(RADIUS + 2 * b))
-            g[2] = told(g[2], V2(g[0], g[1]), wide_a, wide_b, pa, pb)
+            if seldom(wp.abs(g[2]) < NEAR):
+                wide_a = whole(world, wp.static(RADIUS + 2 * a))
+                wide_b = whole(world, wp.static(RADIUS + 2 * b))
+                g[2] = told(g[2], V2(g[0], g[1]), wide_a, wide_b, pa, pb)
             return g
 
         return geometry
