@@ -162,3 +162,25 @@ def test_what_just_fits_is_no_overlap(kind, law):
     assert (step.status == slcp.Status.SOLVED).all()
     moved = step.state.reshape(x.shape)
     assert np.abs(moved[:, 0] - x[:, 0]).max() < 1e-12  # nothing has anywhere to go
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("kind", ["disc", "capsule"])
+def test_one_part_that_just_fits_in_own_kernels(kind, dtype):
+    """Between four walls; in half of the worlds it was INFEASIBLE."""
+    size, at, room = (
+        (0.1, (0.1, 0.1), (0.2, 0.2)) if kind == "disc" else ((0.05, 0.15), (0.2, 0.05), (0.4, 0.1))
+    )
+    walls, _ = lying(((0.0, 0.0), (0.0, 0.0), (room[0], 0.0), (0.0, room[1])))
+    part = Shape("part", "part", kind, size)
+    scene = scene_of([part], [*walls, part], "auto", 0.5)
+    sim = slcp.Simulator(scene, LAWS["hard"], device="cpu", dtype=dtype, strategy="specialised")
+    rng = np.random.default_rng(0)
+    x = np.zeros((100, 2, 3))
+    x[:, 0, :2] = at
+    x[:, 0] += 1e-17 * rng.integers(-3, 4, (100, 3))
+    x[:, 1, :2] = rng.standard_normal((100, 2)) * (rng.random((100, 1)) < 0.5)
+    step = sim.step(x.reshape(100, -1))
+    assert (step.status == slcp.Status.SOLVED).all()
+    moved = step.state.reshape(x.shape)[:, 0] - x[:, 0]
+    assert np.abs(moved).max() < (1e-12 if dtype == "float64" else 1e-7)

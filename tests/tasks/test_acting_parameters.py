@@ -1,10 +1,14 @@
 """Numbers that would act on nothing are refused, or not drawn: limits, springs, friction."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import slcp_warp as slcp
 from slcp_warp import measures as m
+from slcp_warp.ensembles.questions.rare.numbers import Numbers
+from slcp_warp.ensembles.questions.sensitivity import factors_of
 from slcp_warp.tasks.disturbances.laws import parameter_laws
 
 SCENE = slcp.Scene(
@@ -100,3 +104,16 @@ def test_kicks_need_their_times():
         with pytest.raises(slcp.InputError, match=f"Disturbances.{next(iter(given))} is .*no kick_times"):
             slcp.Disturbances(**given)
     assert slcp.Disturbances(kick=0.0).kick == 0.0 and slcp.Disturbances(kick=0.5, kick_times=(1.0,)).any()
+
+
+def test_a_factor_on_a_number_that_is_zero_is_no_draw():
+    """Damping of the rail alone: the zeros of others were searched by `falsify`, and had indices."""
+    rail, *others = SCENE.bodies
+    scene = replace(SCENE, bodies=(replace(rail, damping=0.2), *others))
+    drawn = slcp.Disturbances(parameters={"damping": 0.3})
+    own = slcp.Task("zeros", scene, duration=0.1, start={"ball.y": 1.0}, disturbances=drawn,
+                    measures={"x": m.final("ball.x")})  # fmt: skip
+    assert [factor.name for factor in factors_of(own)] == ["rail.shift.damping"]
+    assert Numbers(own.simulator(device="cpu"), own, 0.02).dimension == 1
+    report = slcp.sweep(own, worlds=4, cases=slcp.Options("hard"), device="cpu")
+    assert [name for name in report.table if name.startswith("drawn_")] == ["drawn_rail.shift.damping"]
