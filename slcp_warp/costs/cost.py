@@ -204,6 +204,7 @@ def _other_targets(weights: np.ndarray, first: int, pace: float, nodes: int | No
     """Of a quadratic cost, between its nodes, and beyond them at the last."""
     before = 2 * nx * nx + nu * nu
     given = weights[..., before:].reshape(*weights.shape[:-1], -1, nx)
+    assert nodes is not None
     at = np.minimum(first + pace * np.arange(nodes), given.shape[-2] - 1.0)
     low = np.floor(at + ROUNDING).astype(int)
     share = np.maximum(at - low, 0.0)[:, None]
