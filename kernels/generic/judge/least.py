@@ -93,6 +93,17 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
             change += wp.dot(wp.abs(k.jac[k.entry[r] + e]), wp.cw_div(k.move[b], mass))
         return change
 
+    @wp.func
+    def brought(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """The largest impulse that makes what a row of an island is judged by; of a contact's two rows that
+        which answers more: the other may all but jam.
+        """
+        most = dtype(0.0)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                most = wp.max(most, k.unit[r] / wp.max(k.diag[r], k.diag[partner(t, k, r)]))
+        return most
+
     @wp.func(inline=False)
     def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, holds: int, rowwise: int):
         """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
@@ -126,6 +137,7 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
             i = k.block[place]
             k.move[i] = V3()
             k.best_v[i] = V3()
+        most = brought(t, k, o)  # what M dv = J' lambda may miss of more is beyond what momenta are judged by
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 least = k.least[r]
@@ -133,6 +145,8 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
                     least = k.best_z[r]
                 spare = MORE * (least + k.alone[r]) - k.lam[r]
                 if rowwise == 1 and not (spare >= ZERO):
+                    good = 0
+                if t.coulomb == 1 and not (CLOSE * k.lam[r] <= MORE * ENOUGH * most):
                     good = 0
                 start = k.entry[r]
                 shift = k.entry[partner(t, k, r)] - start
