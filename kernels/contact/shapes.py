@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..device.seldom import seldom
 from ..factories import cached
 from ..mechanism.kinematics import make_types
 from ..structure import CORNERS, DISC, HALFPLANE, RECTANGLE, RING, SIDED, WALLS, WORLD, Structure, layout
@@ -197,7 +196,7 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
             pa = wp.static(pose_a)(world, fr)
             pb = wp.static(pose_b)(world, fr)
             g = wp.static(found)(wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb, warm)
-            if seldom(wp.abs(g[2]) < NEAR):
+            if wp.abs(g[2]) < NEAR:
                 wide_a = whole(world, wp.static(RADIUS + 2 * a))
                 wide_b = whole(world, wp.static(RADIUS + 2 * b))
                 g[2] = told(g[2], V2(g[0], g[1]), wide_a, wide_b, pa, pb)

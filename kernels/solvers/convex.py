@@ -10,6 +10,7 @@ to go on from, or a proof that no velocity opens the rows. For REM-logistic, eq.
 
 import warp as wp
 
+from ..contact.apart import make_apart
 from ..contact.problem import COLD, make_measure, make_problem
 from ..contact.row_sizes import make_row_sizes
 from ..contact.rows import make_rows
@@ -17,7 +18,6 @@ from ..device.seldom import seldom
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..status import INFEASIBLE, NOT_CONVERGED, SOLVED
-from .apart import make_apart
 from .few_rows import make_few_rows
 from .interior import make_interior
 from .newton import make_newton

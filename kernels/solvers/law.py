@@ -48,10 +48,11 @@ class Law:
     second: bool = False  # second derivatives have a closed form
     fast: bool = False  # `make_solver` knows fast methods
     by_diagonal: bool = False  # z = A_ii lambda - w whatever the scaling, else D lambda - w
+    hides: bool = False  # rows are J_n +- mu J_t, in which a large coefficient hides J_n
     weighs: bool = False  # rows that exclude each other have an answer, too: the least expected error
 
 
-CONVEX = Law(make_solver, make_convex_response, second=True, fast=True)
+CONVEX = Law(make_solver, make_convex_response, hides=True, second=True, fast=True)
 COULOMB = Law(make_coulomb_solver, make_coulomb_response, joined=True, fast=True, by_diagonal=True)
 ERM = Law(make_erm_solver, make_erm_response, whole=True, weighs=True)
 

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..contact.acting import make_acting, rows_of_pairs
+from ..contact.apart import LARGE
 from ..contact.rows import make_pair_jacobian, make_rows
 from ..contact.shapes import make_pair
 from ..factories import cached
 from ..residual.noise import make_noise
-from ..solvers.apart import LARGE
 from ..solvers.law import law_of
 from ..specialisation import Specialisation
 from ..structure import layout
@@ -38,8 +38,7 @@ def make_reach(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
     ALL = (1 << NR) - 1
     ONE = dtype(1.0)
     H, FRICTION = layout(s).offset("step_size"), layout(s).offset("friction")
-    # by `solvers/apart.py`
-    judged = () if method.coulomb or law.weighs else tuple(k for k in range(NP) if s.pairs[k].friction)
+    judged = tuple(k for k in range(NP) if law.hides and s.pairs[k].friction)  # by `contact/apart.py`
     pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
     geometries = tuple(pair.local_geometry if method.fast else pair.geometry for pair in pairs)
     pair_jacobians = tuple(make_pair_jacobian(s, k, dtype) for k in range(NP))

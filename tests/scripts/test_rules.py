@@ -51,7 +51,7 @@ def test_cases_have_what_their_residual_offers():
     }
     assert list(found.values()) == rules.variants(slcp.Options(scaling="none"))
     own = slcp.Options("hard", friction="coulomb", gap="end")
-    assert Rules().cases(own, "smoothed,hard") == {"smoothed": slcp.Options(), "hard": own}
+    assert Rules().cases(own, "smoothed,hard") == {"smoothed": slcp.Options(), "hard, coulomb, gap end": own}
     for given, residuals, text in (
         ({"friction": "coulomb"}, "smoothed", "--friction is 'coulomb', which is of the hard"),
         ({"noise": "state"}, "hard", "--noise is 'state', which is of the smoothed"),

@@ -174,4 +174,4 @@ def test_shares_are_told_from_all_and_from_none():
     """Nine failures of 200,000 were "100.0 (100.0 to 100.0)"."""
     assert [percent(share) for share in (0.0, 1.0, 0.948)] == ["0.0", "100.0", "94.8"]
     assert percent(1.0 - 9 / 200_000) == "99.996" and percent(2e-6) == "0.0002"
-    assert percents(share_interval(199_991, 200_000)) == "99.996 (99.991 to 99.998)"
+    assert percents(share_interval(199_991, 200_000)) == "99.996 (99.99 to 99.998)"

@@ -147,7 +147,7 @@ def test_what_lies_around_a_policy_lies_around_one_on_the_host(device, strategy)
 def test_periods_are_those_of_the_scene(tmp_path):
     own = task(periods={"block.angle": "turn"})
     assert own.periods == {"block.angle": 2.0 * math.pi} and own.scene.state_period[3] == 2.0 * math.pi
-    assert SCENE.state_period[3] == 0.0 and own.replace(horizon=3).scene == own.scene
+    assert SCENE.state_period[3] == 0.0 and own.replace(options=slcp.Options("hard")).scene == own.scene
     half = own.replace(periods={"block.angle": math.pi}, observation=SEEN)
     assert half.scene.state_period.tolist() == [0, 0, 0, math.pi, 0, 0, 0, 0]
     slcp.save_task(half, tmp_path / "task.json")

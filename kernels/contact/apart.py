@@ -9,12 +9,12 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..contact.problem import make_problem
-from ..contact.rows import make_rows
 from ..factories import cached
 from ..residual.noise import make_noise
 from ..specialisation import Specialisation
 from ..structure import layout
+from .problem import make_problem
+from .rows import make_rows
 
 LARGE = 10.0  # of a coefficient: below, what a row may miss is little of w_n, too
 CLOSED = {wp.float64: 1e-8, wp.float32: 2e-5}  # of w_n, by a gap or speeds without mu
