@@ -146,8 +146,9 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
                 spare = MORE * (least + k.alone[r]) - k.lam[r]
                 if rowwise == 1 and not (spare >= ZERO):
                     good = 0
-                if t.coulomb == 1 and not (CLOSE * k.lam[r] <= MORE * ENOUGH * most):
-                    good = 0
+                if wp.static(given is wp.float32):
+                    if t.coulomb == 1 and not (CLOSE * k.lam[r] <= MORE * ENOUGH * most):
+                        good = 0
                 start = k.entry[r]
                 shift = k.entry[partner(t, k, r)] - start
                 for e in range(k.entry[r + 1] - start):
