@@ -120,10 +120,9 @@ def plan_in_worlds(
         plans += list(zip(more, found, strict=True))
         well = np.concatenate([well, judge(found)])
     index = int(np.argmax(well.sum(axis=1)))
-    anew = _Judge(task, worlds, seed_apart(seed, NEW), case)(
-        [plans[0][1], plans[index][1]][: 1 + (index > 0)]
-    )
-    nominal, chosen = (share_interval(int(anew[i].sum()), worlds) for i in (0, -1))
+    others = _Judge(task, worlds, seed_apart(seed, NEW), case)
+    again = others([plans[i][1] for i in sorted({0, index})])
+    nominal, chosen = (share_interval(int(again[i].sum()), worlds) for i in (0, -1))
     return Robust(*plans[index], index, well.mean(axis=1), worlds, nominal, chosen)
 
 

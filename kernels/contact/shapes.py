@@ -196,10 +196,11 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
             pa = wp.static(pose_a)(world, fr)
             pb = wp.static(pose_b)(world, fr)
             g = wp.static(found)(wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb, warm)
-            if wp.abs(g[2]) < NEAR:
-                wide_a = whole(world, wp.static(RADIUS + 2 * a))
-                wide_b = whole(world, wp.static(RADIUS + 2 * b))
-                g[2] = told(g[2], V2(g[0], g[1]), wide_a, wide_b, pa, pb)
+            if wp.static(len(s.pairs) > 1):  # a single pair has nothing on the other side
+                if wp.abs(g[2]) < NEAR:
+                    wide_a = whole(world, wp.static(RADIUS + 2 * a))
+                    wide_b = whole(world, wp.static(RADIUS + 2 * b))
+                    g[2] = told(g[2], V2(g[0], g[1]), wide_a, wide_b, pa, pb)
             return g
 
         return geometry

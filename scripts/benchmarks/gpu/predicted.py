@@ -49,12 +49,12 @@ def line_search() -> Any:
 
 
 FAST = {
-    "rollout": Most(lambda: make_rollout_relay(finger(), OPEN_LOOP, False), REGISTERS, 272, 72_000),
+    "rollout": Most(lambda: make_rollout_relay(finger(), OPEN_LOOP, False), REGISTERS, 264, 72_000),
     "hard rollout": Most(
         lambda: make_rollout_relay(finger(residual="hard"), OPEN_LOOP, False), REGISTERS, 184, 66_000
     ),
-    "sweep": Most(lambda: make_sweep_kernel(finger(), HELD, spans=True), REGISTERS, 368, 132_000),
-    "linearisation": Most(lambda: make_linearize_kernel(finger(), False), REGISTERS, 296, 112_200),
+    "sweep": Most(lambda: make_sweep_kernel(finger(), HELD, spans=True), REGISTERS, 352, 132_000),
+    "linearisation": Most(lambda: make_linearize_kernel(finger(), False), REGISTERS, 296, 112_000),
     "library": Most(lambda: make_ask_kernel(nearest_kernel(1, turns=1), 6, 2, wp.float32), 56, TREE, 24_000),
     "line search": Most(line_search, REGISTERS, 336, 90_000),
 }
