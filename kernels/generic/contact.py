@@ -14,6 +14,7 @@ from ..structure import WORLD
 from .broad.phase import make_broad
 from .linear.matrix import make_matrix
 from .mechanism import COLUMN, make_mechanism
+from .rows.bounces import make_bounces
 from .shapes import make_shapes
 from .topology import CONTACT, LOWER, MOVES_A, MOVES_B, ROUND, TURN, Topology
 from .work import BESIDE, LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Island, Slot
@@ -30,14 +31,13 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     mech = make_mechanism(given)
     broad = make_broad(residual)
     ends = make_matrix().ends
+    bounces = make_bounces(given)
     number, column = mech.number, mech.column
     GEO = wp.types.vector(8, dtype)
-    ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
+    ZERO, ONE = dtype(0.0), dtype(1.0)
     TOUCHING, UNUSED = dtype(ROUNDING[given]), dtype(COLD)
     CUT = dtype(0.0 if residual == "hard" else make_smoothing(dtype, residual).cut)  # as in `acting.py`
-    H, SIGMA, LOW, UP, FRICTION, RESTITUTION = (
-        COLUMN[n] for n in ("step_size", "sigma", "lower", "upper", "friction", "restitution")
-    )
+    H, SIGMA, LOW, UP, FRICTION = (COLUMN[n] for n in ("step_size", "sigma", "lower", "upper", "friction"))
     shapes = make_shapes(given)
     pose_a, pose_b, radii_a, radii_b = shapes.pose_a, shapes.pose_b, shapes.radii_a, shapes.radii_b
     geometry, bound = shapes.geometry, shapes.bound
@@ -110,55 +110,6 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                     k.jac[k.entry[i] + at] = normal + dtype(t.row_sign[k.row[i]]) * tangent
 
     @wp.func
-    def normal_rate(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, r: int, x: wp.ref[wp.array(dtype=V3)]):
-        """J_n x of a pair whose first row is r."""
-        out = dtype(0.0)
-        rows = t.pair_row[pair + 1] - t.pair_row[pair]
-        for i in range(r, r + rows):
-            at = k.pattern[i]
-            for e in range(k.entry[i], k.entry[i + 1]):
-                out += wp.dot(k.jac[e], x[t.row_block[at]])
-                at += 1
-        return out / dtype(rows)
-
-    @wp.func(inline=False)
-    def bounced(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, r: int, rate: dtype):
-        """What the rows of a pair add to J v': d/h, or e J_n v where the pair closes in this step (M54),
-        faster than what forces change of that in two steps, by which what lies still does.
-        """
-        if k.bounce[pair] < ZERO:  # there is no room for it in this step
-            return rate
-        k.bounce[pair] = ZERO
-        e = wp.min(number(t, k, RESTITUTION, pair), ONE)
-        if not (e > ZERO):
-            return rate
-        meets = normal_rate(t, k, pair, r, k.before)
-        change = normal_rate(t, k, pair, r, k.vfree) - meets
-        if not (rate + meets + change <= ZERO and -meets > TWO * wp.abs(change)):
-            return rate
-        k.bounce[pair] = e
-        return e * meets
-
-    @wp.func
-    def forget_bounces(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """Of the step before."""
-        for n in range(k.count[wp.static(NEAR)]):
-            k.bounce[k.near[n]] = ZERO
-
-    @wp.func
-    def give_up_bounces(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """No pair of an island bounces in this step; 1 if one did."""
-        found = int(0)
-        for r in range(o.row, o.last_row):
-            i = k.row[r]
-            if t.row_kind[i] == wp.static(CONTACT):
-                pair = t.row_index[i]
-                if k.bounce[pair] > ZERO:
-                    found = int(1)
-                k.bounce[pair] = -ONE
-        return found
-
-    @wp.func
     def row_gap(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """The signed distance that row r has, at the start of the step."""
         i = k.row[r]
@@ -192,7 +143,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                     chained_rows(t, k, pair, r, pa, pb, g, mu)
                 rate = gap / h
                 if t.bounces == 1:
-                    rate = bounced(t, k, pair, r, rate)
+                    rate = bounces.bounced(t, k, pair, r, rate)
                 if k.count[wp.static(BESIDE)] > 0:
                     rate += k.beside[pair]
                 for _same in range(t.pair_row[pair + 1] - t.pair_row[pair]):
@@ -377,10 +328,10 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         grow=grow,
         velocity=velocity,
         geometry=geometry,
-        normal_rate=normal_rate,
+        normal_rate=bounces.normal_rate,
         row_gap=row_gap,
-        forget_bounces=forget_bounces,
-        give_up_bounces=give_up_bounces,
+        forget_bounces=bounces.forget,
+        give_up_bounces=bounces.give_up,
         pose_a=pose_a,
         pose_b=pose_b,
         radii_a=radii_a,
