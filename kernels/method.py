@@ -8,7 +8,7 @@ ERM = ("erm-logistic", "erm-normal")
 
 @dataclass(frozen=True)
 class Method:
-    """What `slcp_warp.Options` chooses: residual, scaling, friction, integrator, noise, tolerance, gap.
+    """What `slcp_warp.Options` chooses.
 
     `part` no user chooses: "fast" kernels lack the last resorts of their solvers, and leave the steps that
     need one to those of the "rest" (`device/relay.py`).
@@ -22,6 +22,7 @@ class Method:
     deviation: str = "scale"
     tolerance: float | None = None
     gap: str = "start"
+    depenetration_speed: float | None = None
     part: str = "whole"
 
     @property

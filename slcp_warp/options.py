@@ -7,7 +7,7 @@ from typing import Any
 from slcp_warp.kernels import status
 from slcp_warp.kernels.method import Method
 
-from .inputs.checks import choice, numeric, shown
+from .inputs.checks import choice, number, numeric, shown
 from .inputs.errors import ArgumentError
 
 CHOICES: dict[str, tuple[Any, ...]] = {
@@ -73,6 +73,11 @@ class Options:
             d(q + h v')/h (M25), to 1e-8 m/s (float32: 3e-5, and 4e-7 m/h of positions' rounding) by at most
             24 corrections, else NOT_CONVERGED: curved shapes that slide on each other do not sink in. For the
             hard problem; no derivatives.
+        depenetration_speed: None, an overlap is pushed out in one step, w = J v' + d/h (M2), and rows that
+            find no way are INFEASIBLE or JAMMED; or a largest speed of it [m/s, limits of joints rad/s],
+            finite and not negative, w = J v' + max(d/h, -speed) (M60), and where the rows of bodies that hang
+            together or touch find no way, their overlaps stay for the step, w = J v' + max(d/h, 1e-4 sigma).
+            Offered by the generic kernels alone.
     """
 
     residual: str = "rem-logistic"
@@ -83,6 +88,7 @@ class Options:
     deviation: str | None = None
     tolerance: float | None = None
     gap: str = "start"
+    depenetration_speed: float | None = None
 
     def __post_init__(self) -> None:
         for name, choices in CHOICES.items():
@@ -103,6 +109,8 @@ class Options:
                 f"Options.gap is 'end' with residual {self.residual!r}; it is offered for residual='hard'"
             )
         self._check_tolerance()
+        if self.depenetration_speed is not None:
+            number("Options.depenetration_speed", self.depenetration_speed, 0.0, error=OptionError)
 
     def _check_tolerance(self) -> None:
         """Raise OptionError for a tolerance out of range, or of a solver that has none."""
@@ -127,8 +135,9 @@ class Options:
         """The options as the kernels take them."""
         deviation = self.deviation or ("standard-deviation" if self.noise == "state" else "scale")
         tolerance = None if self.tolerance is None else float(self.tolerance)
+        speed = None if self.depenetration_speed is None else float(self.depenetration_speed)
         return Method(self.residual, self.scaling, self.friction, self.integrator, self.noise, deviation,
-                      tolerance, self.gap)  # fmt: skip
+                      tolerance, self.gap, speed)  # fmt: skip
 
     def with_residual(self, residual: str) -> "Options":
         """The same with another residual, without what is not offered with it."""
@@ -136,7 +145,7 @@ class Options:
         hard, erm = residual == "hard", residual.startswith("erm")
         own |= {"noise": "row"} if hard or erm else {}
         own |= {"deviation": None} if hard else {"friction": "anitescu", "gap": "start"}
-        own |= {"tolerance": None} if erm else {}
+        own |= {"tolerance": None, "depenetration_speed": None} if erm else {}
         return replace(self, **own)
 
     @property

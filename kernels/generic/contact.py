@@ -15,6 +15,7 @@ from .broad.phase import make_broad
 from .linear.matrix import make_matrix
 from .mechanism import COLUMN, make_mechanism
 from .rows.bounces import make_bounces
+from .rows.overlaps import make_overlaps
 from .shapes import make_shapes
 from .topology import CONTACT, LOWER, MOVES_A, MOVES_B, ROUND, TURN, Topology
 from .work import BESIDE, LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Island, Slot
@@ -31,7 +32,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     mech = make_mechanism(given)
     broad = make_broad(residual)
     ends = make_matrix().ends
-    bounces = make_bounces(given)
+    bounces, overlaps = make_bounces(given), make_overlaps(residual)
     number, column = mech.number, mech.column
     GEO = wp.types.vector(8, dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
@@ -110,9 +111,19 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                     k.jac[k.entry[i] + at] = normal + dtype(t.row_sign[k.row[i]]) * tangent
 
     @wp.func
+    def limit_gap(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
+        """How far a degree of freedom is from its limit i."""
+        j = t.row_index[i]
+        if t.row_kind[i] == LOWER:
+            return k.q[j] - number(t, k, LOW, j)
+        return number(t, k, UP, j) - k.q[j]
+
+    @wp.func
     def row_gap(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """The signed distance that row r has, at the start of the step."""
         i = k.row[r]
+        if t.overlaps == 1:
+            return k.apart[i]
         if t.row_kind[i] == wp.static(CONTACT):
             other = int(k.count[wp.static(BESIDE)])  # than what the row holds
             if t.bounces == 1:
@@ -141,22 +152,26 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                     free_rows(t, k, pair, r, pa, pb, g, mu)
                 else:
                     chained_rows(t, k, pair, r, pa, pb, g, mu)
-                rate = gap / h
+                most = overlaps.limited(t, gap / h)
+                rate = most + ZERO
                 if t.bounces == 1:
                     rate = bounces.bounced(t, k, pair, r, rate)
                 if k.count[wp.static(BESIDE)] > 0:
                     rate += k.beside[pair]
                 for _same in range(t.pair_row[pair + 1] - t.pair_row[pair]):
                     k.gap[r] = rate
+                    if t.overlaps == 1:
+                        k.gap[r] = overlaps.eased(k, r, gap, rate == most and most > gap / h, rate)
                     r += 1
             else:
                 j = t.row_index[i]
                 k.jac[k.entry[r]] = V3()
                 k.jac[k.entry[r]][t.dof_part[j]] = dtype(t.row_sign[i])
-                if t.row_kind[i] == LOWER:
-                    k.gap[r] = (k.q[j] - number(t, k, LOW, j)) / h
-                else:
-                    k.gap[r] = (number(t, k, UP, j) - k.q[j]) / h
+                open = limit_gap(t, k, i)
+                rate = overlaps.limited(t, open / h)
+                k.gap[r] = rate
+                if t.overlaps == 1:
+                    k.gap[r] = overlaps.eased(k, r, open, rate > open / h, rate)
                 r += 1
         for i in range(start, end):
             k.rate[i] = k.gap[i]
@@ -332,6 +347,8 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         row_gap=row_gap,
         forget_bounces=bounces.forget,
         give_up_bounces=bounces.give_up,
+        let_overlaps_stay=overlaps.let_stay,
+        forget_overlaps=overlaps.forget,
         pose_a=pose_a,
         pose_b=pose_b,
         radii_a=radii_a,

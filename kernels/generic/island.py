@@ -210,18 +210,18 @@ def make_island(given: type, residual: str) -> wp.Function:
         return int(1), approach
 
     @wp.func(inline=False)
-    def settle(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+    def settle(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, quick: int):
         """Add rows until none is missing, solve after every addition. The first time also those within reach
         of the largest approach are added: in a heap they act next. Where Coulomb's friction shuts the rows,
         the problem without friction tells whether they can open, and gives a lift to start from; where
-        that ends at shut rows again the lift is taken back.
+        that ends at shut rows again the lift is taken back. `quick`: without the fixed point, which takes
+        the longest where there is no solution.
         """
         begin(k, o)
         status = int(wp.static(SOLVED))
         margin = ZERO - FAR
         looking, known = int(1), int(0)  # known: whether J v' + d/h is
-        filling = int(1)
-        more = int(1)
+        filling, more = int(1), int(1)
         passes = int(0)  # of the fixed point; negative: go back
         rub, closes = dtype(1.0), dtype(0.0)
         hopeless = int(0)  # and when Newton's method on modes failed
@@ -253,6 +253,8 @@ def make_island(given: type, residual: str) -> wp.Function:
                             status = directly(t, k, o, state, closes)
                             hopeless = wp.where(status == wp.static(NOT_CONVERGED), n, hopeless)
                     if status == wp.static(NOT_CONVERGED):
+                        if quick == 1 and fresh == 1:
+                            return status
                         if solves == 0 and t.coulomb == 0:
                             resume(k, o)
                         solves += 1
@@ -276,21 +278,28 @@ def make_island(given: type, residual: str) -> wp.Function:
         return status
 
     @wp.func(inline=False)
-    def settle_judged(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+    def settle_judged(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, quick: int):
         """`settle`, whose solution with friction keeps bodies apart without it, too."""
-        status = settle(t, k, o)
+        status = settle(t, k, o, quick)
         if status == wp.static(SOLVED):
             if keeps_apart(t, k, o) == 0:
                 status = int(wp.static(NOT_CONVERGED))
         return status
 
     @wp.func
+    def is_shut(status: int):
+        return status == wp.static(INFEASIBLE) or status == wp.static(JAMMED)
+
+    @wp.func
     def settle_with_room(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """`settle_judged`; where what bounces finds its way back shut, without bouncing."""
-        status = settle_judged(t, k, o)
-        if t.bounces == 1 and (status == wp.static(INFEASIBLE) or status == wp.static(JAMMED)):
+        """`settle_judged`; where there is no way, without bouncing, and then with overlaps that stay."""
+        status = settle_judged(t, k, o, t.overlaps)
+        if t.bounces == 1 and is_shut(status):
             if contact.give_up_bounces(t, k, o) == 1:
-                status = settle_judged(t, k, o)
+                status = settle_judged(t, k, o, t.overlaps)
+        if t.overlaps == 1 and (is_shut(status) or status == wp.static(NOT_CONVERGED)):
+            if contact.let_overlaps_stay(k, o) == 1 or status == wp.static(NOT_CONVERGED):
+                status = settle_judged(t, k, o, 0)
         if status == wp.static(NOT_CONVERGED):
             step_aside(t, k, o)
         return status

@@ -131,6 +131,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         contact.move_shapes(t, k)
         if t.bounces == 1:
             contact.forget_bounces(t, k)
+        if t.overlaps == 1:
+            contact.forget_overlaps(t, k)
         rounding(t, k)
         status = int(wp.static(SOLVED))
         which = int(wp.static(AFRESH))

@@ -55,6 +55,8 @@ class Topology:
     tendons: int
     rotors: int  # dofs with an inertia of their own (armature)
     bounces: int  # 1: pairs have a restitution
+    overlaps: int  # 1: they leave by no more than a speed, and may stay
+    depenetration_speed: wp.float64  # this speed [m/s, rad/s]
     inertia_scaling: int
     coulomb: int
     implicit_damping: int
@@ -190,8 +192,10 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     return out, sizes
 
 
-def make_topology(s: Structure, inertia_scaling: bool, coulomb: bool, device: object) -> Topology:
-    """The tables on a device."""
+def make_topology(
+    s: Structure, inertia_scaling: bool, coulomb: bool, speed: float | None, device: object
+) -> Topology:
+    """The tables on a device; `speed`: of `Method.depenetration_speed`."""
     lists, sizes = tables(s)
     out = Topology()
     out.nb, out.nv, out.nu, out.nr, out.pairs = s.nb, s.nv, s.nu, s.nr, len(s.pairs)
@@ -203,6 +207,7 @@ def make_topology(s: Structure, inertia_scaling: bool, coulomb: bool, device: ob
     out.rotors = len(s.armature)
     out.bounces = int(s.bounces)
     out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
+    out.overlaps, out.depenetration_speed = int(speed is not None), speed or 0.0
     out.implicit_damping, out.implicit_stiffness = int(s.implicit_damping), int(s.implicit_stiffness)
     for name, values in lists.items():
         setattr(out, name, wp.array(values, dtype=wp.int32, device=device))

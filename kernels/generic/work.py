@@ -21,9 +21,10 @@ WORD, LINE = 8, 64  # bytes
 WIDTH = 8  # rows that a CPU takes at once: what is by row begins and ends at multiples of them there
 LANES = 16  # right-hand sides that are solved at once: two registers of a CPU halve what a loop costs
 Lanes = wp.types.vector(LANES, WORK)
-NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS, LOOKS, LED, BESIDE, ASIDE = range(
-    11
-)  # in `count`; orders: 0, 1
+(
+    NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS, LOOKS, LED, BESIDE, ASIDE, SETTLED
+) = range(12)  # fmt: skip
+# in `count`; orders: 0, 1
 
 
 @wp.struct
@@ -91,6 +92,9 @@ class Slot:
     mode: wp.array(dtype=wp.int32)  # of Coulomb's friction; the list of rows that are held
     known: wp.array(dtype=wp.int32)  # (pairs) 1: near
     bounce: wp.array(dtype=WORK)  # (pairs) restitution of a near pair that bounces in this step, else 0
+    stays: wp.array(dtype=wp.int32)  # (nr) by the scene's rows: 1: an overlap may stay in this step
+    apart: wp.array(dtype=WORK)  # (nr) the gap that these have
+    fixed: wp.array(dtype=wp.int32)  # (nr) not 0: what its row holds does not change with it (`overlaps.py`)
     beside: wp.array(dtype=WORK)  # (pairs) added to d/h in a try beside the data
     near: wp.array(dtype=wp.int32)  # (pairs) list of the near pairs, ascending
     count: wp.array(dtype=wp.int32)
@@ -188,6 +192,9 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.acting = work.acting[b]
     k.known = work.known[b]
     k.bounce = work.bounce[b]
+    k.stays = work.stays[b]
+    k.apart = work.apart[b]
+    k.fixed = work.fixed[b]
     k.beside = work.beside[b]
     k.near = work.near[b]
     k.count = work.count[b]
@@ -257,7 +264,7 @@ def lengths(s: Structure) -> dict[str, int]:
     """Items of every workspace of a structure."""
     sizes = tables(s)[1]
     pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
-    out = dict.fromkeys(("frame", "twist"), s.nb) | {"numbers": sizes.numbers, "count": ASIDE + 1}
+    out = dict.fromkeys(("frame", "twist"), s.nb) | {"numbers": sizes.numbers, "count": SETTLED + 1}
     out |= dict.fromkeys(("q", "v0", "column"), s.nv) | {"shape": 2 * shapes}
     matrices = dict.fromkeys(("mass", "mass_factor"), sizes.mass) | {"jac": sizes.entries}
     matrices |= dict.fromkeys(("factor", "upper"), sizes.matrix)
@@ -267,6 +274,7 @@ def lengths(s: Structure) -> dict[str, int]:
     out |= dict.fromkeys(("entry", "group"), s.nr + 1)
     out |= dict.fromkeys(("normal", "known", "near", "beside"), pairs) | {"link": 2 * pairs}
     out["bounce"] = pairs if s.bounces else 0
+    out |= dict.fromkeys(("stays", "apart", "fixed"), s.nr)
     out |= dict.fromkeys(("island", "queue"), units)
     out |= dict.fromkeys(("item_order", "item_low"), sizes.items) | {"disc": 2 * sizes.items}
     out |= {"listed": pairs, "bucket": 2 ** bits_of(pairs) + 1, "bound": 5}

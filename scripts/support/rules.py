@@ -34,6 +34,13 @@ Deviation = Annotated[
 Tolerance = Annotated[
     float | None, typer.Option(help="At which Newton's iteration stops; default: the task's, or rounding.")
 ]
+Depenetration = Annotated[
+    float | None,
+    typer.Option(
+        help="Largest speed at which overlaps are pushed out, which stay where nothing lets them; default: "
+        "the task's, or in one step, or not at all."
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,7 @@ class Rules:
     noise: Noise = None
     deviation: Deviation = None
     tolerance: Tolerance = None
+    depenetration_speed: Depenetration = None
 
     @property
     def given(self) -> dict[str, Any]:
@@ -98,7 +106,7 @@ class Rules:
 
 def _label(name: str, own: dict[str, Any], case: slcp.Options) -> str:
     """What a case is called: its residual, and what is given, or the task's, that it has not by itself."""
-    words, plain = {"friction": "", "gap": "gap "}, slcp.Options()
+    words, plain = {"friction": "", "gap": "gap ", "depenetration_speed": "depenetration "}, slcp.Options()
     has = [rule for rule in words if rule in own or getattr(case, rule) != getattr(plain, rule)]
     return ", ".join((name, *(f"{words[rule]}{getattr(case, rule)}" for rule in has)))
 
@@ -106,7 +114,7 @@ def _label(name: str, own: dict[str, Any], case: slcp.Options) -> str:
 def told(options: slcp.Options) -> list[str]:
     """Options in words: the residual, and what is not as it is by itself."""
     plain, own = slcp.Options(), dataclasses.asdict(options)
-    words = {"friction": "", "integrator": "", "gap": "gap "}
+    words = {"friction": "", "integrator": "", "gap": "gap ", "depenetration_speed": "depenetration "}
     return [
         options.residual,
         *(f"{w}{own[name]}" for name, w in words.items() if own[name] != getattr(plain, name)),

@@ -81,7 +81,8 @@ class GenericKernels:
         s, dtype, method = spec
         self.spec, self.structure, self.dtype, self.device = spec, s, dtype, device
         self.residual = generic_step.residual_of(method, s.nr)
-        self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
+        coulomb, speed = method.coulomb, method.depenetration_speed
+        self.topology = make_topology(s, method.inertia_scaling, coulomb, speed, device)
         self.groups = tables.make_groups(s, device)
         self.workspaces = Workspaces(lambda n: allocate_work(s, n, device), bytes_per_world(s), device)
         self.chunk = self.workspaces.most  # worlds of a launch

@@ -87,6 +87,13 @@ def missing(s: Structure, method: Method) -> str:
     return f"parameters {unknown}" if unknown else ""
 
 
+def of_generic_kernels(s: Structure, method: Method) -> str:
+    """What keeps a scene from specialised kernels, or ""."""
+    if method.depenetration_speed is not None:
+        return f"depenetration_speed {method.depenetration_speed!r}"
+    return "restitution" if s.bounces else ""
+
+
 def takes_fast_path(fast_path: Any, s: Structure, method: Method, device: Any, strategy: str) -> bool:
     """Whether specialised kernels without last resorts step first (`kernels/device/relay.py`); where None is
     given, as the environment variable SLCP_FAST_PATH says (0 or 1), else on a GPU, in scenes of few pairs.
@@ -125,9 +132,10 @@ def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
     """Specialised or generic kernels for a scene; a clear error where neither serves."""
     choice("strategy", strategy, STRATEGIES)
     lacks = missing(s, method)
-    if s.bounces and (strategy == "specialised" or lacks):
+    alone = of_generic_kernels(s, method)
+    if alone and (strategy == "specialised" or lacks):
         reason = f"; these do not offer {lacks}" if lacks else ""
-        raise StrategyError(f"restitution is offered by the generic kernels alone{reason}")
+        raise StrategyError(f"{alone} is offered by the generic kernels alone{reason}")
     if strategy == "generic" and lacks:
         raise StrategyError(f"{lacks} is not offered by the generic kernels; use strategy='specialised'")
     if s.nr > MOST_ROWS and (strategy == "specialised" or lacks):
@@ -141,5 +149,5 @@ def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
     large = s.nr > MOST_ROWS or s.nv * max(s.nr, s.nv) > LARGEST[on_cpu]
     touching = s.nv * s.nr >= TOUCHING and joined_trees(s) > 1
     crowded = method.coulomb and s.nr >= CROWDED * s.nv
-    generic = large or s.bounces or on_cpu and (touching or crowded or len(s.pairs) > UNROLLED)
+    generic = large or bool(alone) or on_cpu and (touching or crowded or len(s.pairs) > UNROLLED)
     return "generic" if generic else "specialised"

@@ -120,7 +120,7 @@ def lists_of(scene, bodies, numbers, slots):
     shape = np.concatenate([shape, np.broadcast_to(local, shape.shape)], 1)
     out = wp.full((2, len(bodies[0]), len(s.pairs)), -1, dtype=wp.int32, device="cpu")
     made = wp.zeros((2, len(bodies[0])), dtype=wp.int32, device="cpu")
-    t = make_topology(s, True, False, "cpu")
+    t = make_topology(s, True, False, None, "cpu")
     t.items, t.planes, _ = item_tables(s)  # however few pairs there are
     parts = zip((frame, twist, shape), (V4, V3, V4))
     arrays = (wp.array(x, dtype=kind, device="cpu") for x, kind in parts)

@@ -15,9 +15,9 @@ from ...factories import cached
 from ..linear.lu import make_lu
 from ..mechanism import COLUMN, make_mechanism
 from ..newton import make_newton
-from ..topology import CONTACT, LOWER, Topology
+from ..topology import CONTACT, Topology
 from ..work import V3, WORK, Island, Slot
-from .gaps import make_gap_slopes
+from .gaps import limit_slope, make_gap_slopes
 from .pairs import make_pair_slopes
 from .slips import make_slips
 from .tables import Slopes
@@ -71,10 +71,10 @@ def make_agreement(given: type, residual: str) -> SimpleNamespace:
                         rub = ZERO + ZERO
                         if d.slides[b, r] == 0:
                             rub = WORK(t.row_sign[i]) * number(t, k, FRICTION, index)
-                        gaps(t, k, d, b, index, 0, normal, rub, k.v0, h, 0)
+                        gaps(t, k, d, b, i, 0, normal, rub, k.v0, h, 0)
                         k.dz[s] = -of_contact(t, d, b, index)
                     else:
-                        k.dz[s] = wp.where(t.row_kind[i] == LOWER, -ONE, ONE) * scattered(index) / h
+                        k.dz[s] = -limit_slope(t, k, i) * scattered(index) / h
                     size = wp.max(size, wp.abs(k.dz[s]) / wp.sqrt(k.diag[s]))
                     count += 1
                 r += 1

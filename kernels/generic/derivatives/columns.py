@@ -7,9 +7,10 @@ import warp as wp
 from ...factories import cached
 from ...mechanism.stiff_springs import SHARE
 from ..mechanism import COLUMN, make_mechanism
-from ..topology import CONTACT, LOWER, Topology, place
+from ..topology import CONTACT, Topology, place
 from ..work import LANES, WORK, Lanes, Slot
 from .bodies import make_bodies
+from .gaps import limit_slope
 from .pairs import make_pair_slopes
 from .rows import make_row_slopes
 from .springs import make_spring_slopes
@@ -33,7 +34,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
     H, MASS, INERTIA, DAMPING, STIFFNESS, GEAR, ARMATURE = (
         COLUMN[n] for n in ("step_size", "mass", "inertia", "damping", "stiffness", "gear", "armature")
     )
-    ONE, PART, COUNT = dtype(1.0), dtype(SHARE), LANES
+    PART, COUNT = dtype(SHARE), LANES
 
     @wp.func
     def put(x: wp.array(dtype=Lanes), p: int, lane: int, value: dtype):
@@ -227,7 +228,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
             else:
                 lane = t.row_index[i] - first
                 if lane >= 0 and lane < COUNT:
-                    out[lane] = wp.where(t.row_kind[i] == LOWER, -ONE, ONE) / h
+                    out[lane] = -limit_slope(t, k, i) / h
             d.given[b, r] = out
             if t.inertia_scaling == 1:
                 low = rows.first_group(t, g, i)

@@ -158,7 +158,7 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
                 if d.slides[b, r] == 1:
                     rub = ZERO
                 start = (found - 1) * g.most
-                gaps(t, k, d, b, t.row_index[i], start, normal, rub, k.v0, h, r * g.most)
+                gaps(t, k, d, b, i, start, normal, rub, k.v0, h, r * g.most)
         return found
 
     return SimpleNamespace(prepare=prepare, place=place, first_group=first_group, second_group=second_group)

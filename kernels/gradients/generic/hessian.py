@@ -21,7 +21,7 @@ from ...generic.linear.envelope import make_envelope
 from ...generic.mechanism import COLUMN, make_mechanism
 from ...generic.step import make_step
 from ...generic.topology import CONTACT, TURN, Topology, place
-from ...generic.work import LANES, ROWS, WORK, Slot
+from ...generic.work import LANES, ROWS, SETTLED, WORK, Slot
 from ...residual.smoothing import make_smoothing
 from ...structure import WORLD, Structure
 from .room import OLD, Room, View
@@ -148,7 +148,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def refill(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """d/h and J of the rows that follow; which pairs bounce stays."""
+        """d/h and J of the rows that follow; which pairs bounce stays, and which overlaps do."""
+        k.count[wp.static(SETTLED)] = 1
         r = int(0)
         while r < k.count[wp.static(ROWS)]:
             start = r + 0
@@ -167,6 +168,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
                 contact.fill(t, k, start, r, ONE)
                 if t.bounces == 1 and t.row_kind[i] == wp.static(CONTACT):
                     k.bounce[t.row_index[i]] = bounce
+        k.count[wp.static(SETTLED)] = 0
 
     @wp.func
     def rescale(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], e: Curves, b: int, n: int):

@@ -11,6 +11,7 @@ import warp as wp
 from ...factories import cached
 from ...generic.contact import make_contact
 from ...generic.derivatives.tables import Groups
+from ...generic.rows.overlaps import ROOM, STAYS
 from ...generic.topology import BLOCK, CONTACT, LONG, LOWER, Topology
 from ...generic.work import ROWS, WORK, Slot
 from ...structure import WORLD
@@ -48,12 +49,22 @@ def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
         return e
 
     @wp.func
+    def is_fixed(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """Whether what row r adds to J v' does not change with its gap."""
+        if t.overlaps == 0:
+            return False
+        return k.fixed[k.row[r]] != 0
+
+    @wp.func
     def level(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], r: int):
         """Adds the column of sigma and that of h through d/h; returns kappa, the weight of D."""
-        if not (bounce_of(t, k, r) > ZERO):
+        if not (is_fixed(t, k, r) or bounce_of(t, k, r) > ZERO):
             add(t, w, H, 0, -w.rho[r] / number(t, k, H, 0) * k.gap[r])
         if wp.static(hard):
             return ZERO  # lambda is what it is, whatever D
+        if t.overlaps == 1:
+            if k.fixed[k.row[r]] == wp.static(STAYS):
+                add(t, w, SIGMA, k.row[r], WORK(wp.static(ROOM)) * w.rho[r])
         push = -dual.along(t, k, w.p, r) / k.scale[r]
         # s = D lambda, and sigma ds/dsigma = s - z s', the same at z and at -z
         rise = k.lam[r] * k.scale[r] - k.z[r] * k.p[r]
@@ -111,7 +122,7 @@ def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
     @wp.func
     def limit(t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], w: wp.ref[View], r: int):
         kappa = level(t, k, w, r)
-        rate = w.rho[r] / number(t, k, H, 0)
+        rate = wp.where(is_fixed(t, k, r), ZERO, w.rho[r] / number(t, k, H, 0))
         j = t.row_index[k.row[r]]
         if t.row_kind[k.row[r]] == LOWER:
             add(t, w, LOW, j, -rate)
@@ -160,7 +171,8 @@ def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
             if k.acting[r] > 0:
                 sign = WORK(t.row_sign[k.row[r]])
                 kappa = level(t, k, w, r)
-                gap += w.rho[r]
+                if not is_fixed(t, k, r):
+                    gap += w.rho[r]
                 opens += w.rho[r]
                 if w.slides[r] == 0:
                     slips += sign * w.rho[r]

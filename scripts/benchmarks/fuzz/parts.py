@@ -14,6 +14,7 @@
 - locked: one step of mechanisms whose joints' limits meet;
 - blocks: mechanisms with rectangles, followed for up to 20 steps;
 - block-derivatives: derivatives of these;
+- overlaps: pushed out by no more than a speed, and left where nothing opens them; overlap-derivatives;
 - bounces: mechanisms with restitution, followed for up to 20 steps;
 - bounce-derivatives: derivatives of these;
 - rotors: one to four steps of mechanisms with armature at half of their joints;
@@ -47,6 +48,7 @@ from .structures import (
 Rng = np.random.Generator
 FOLLOWED = (20, 50)
 FEWER = 3  # bodies less than other scenes have at most: more rows are limits
+SPEEDS = (0.1, 1e9, 0.0, 10.0)
 MEET, APART, HERE = 0.6, 0.3, 0.6  # shares: of what meets, of that what does not quite, and where it is
 
 
@@ -113,6 +115,7 @@ class Part:
     strategies: tuple[str, ...] = ("generic", "specialised")
     wanted: Callable[[Options], bool] = _any
     differentiated: bool = False  # whether derivatives by common kernels are what it looks at
+    depenetration: tuple[float, ...] = ()  # speeds, scene by scene; none: overlaps are pushed out in one step
 
 
 PARTS = {
@@ -131,6 +134,8 @@ PARTS = {
     "block-derivatives": Part((99, 12), random_blocks, strategies=("generic",), differentiated=True),
     "bounces": Part((99, 13), random_bouncers, steps=(1, 20), strategies=("generic",)),
     "bounce-derivatives": Part((99, 14), random_bouncers, strategies=("generic",), differentiated=True),
+    "overlaps": Part((99, 19), steps=(1, 20), strategies=("generic",), depenetration=SPEEDS),
+    "overlap-derivatives": Part((99, 20), strategies=("generic",), differentiated=True, depenetration=SPEEDS),
     "rotors": Part((99, 10), rotor_scene, steps=(1, 4)),
     "tendons": Part((99, 15), random_tendons, steps=(1, 4)),
     "tendon-derivatives": Part((99, 16), random_tendons, strategies=("generic",), differentiated=True),

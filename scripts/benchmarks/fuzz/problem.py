@@ -20,6 +20,7 @@ from slcp_warp.kernels.method import Method
 from ..mechanics.bounces import met
 from ..mechanics.contact import Touches, touches
 from ..mechanics.level import level, level_touches
+from ..mechanics.overlaps import limited, room
 from ..mechanics.tree import Mechanics
 from .draws import Worlds
 
@@ -184,8 +185,9 @@ class Problem:
 
     Attributes:
         jac: J.
-        rate: d/h, of rows that bounce e J_n v.
+        rate: d/h, of rows that bounce e J_n v, of overlaps no less than the method's speed.
         near: d/h of all.
+        stays: rows whose overlap stays in this step.
         parts: e J_n v of pairs.
         bounces: which pairs bounce.
         bound: of |J| entries by what they are the sum of.
@@ -237,13 +239,14 @@ class Problem:
         self.near = self.rate
         self.parts = np.zeros((len(truth.h), len(s.pairs)))
         self.bounces = self.parts > 0.0
-        self._respond()
+        self.stays = np.zeros(self.near.shape, bool)
+        self._hold()
         if s.bounces:
             self.parts, self.bounces, unsure = met(self)
             of_pairs = [row.index if row.kind == "contact" else 0 for row in s.rows]
             contact = np.array([row.kind == "contact" for row in s.rows]) & ~self.tangent
             self.unclear = self.unclear | (unsure[:, of_pairs] & contact)
-            self._bounce()
+            self._hold()
         self.sigma = self._sigma()
 
     def _respond(self) -> None:
@@ -252,13 +255,15 @@ class Problem:
         self.diag = np.einsum("bii->bi", self.a)
         self.free = self.rate + np.einsum("bij,bj->bi", self.jac, self.drive.free)
 
-    def _bounce(self) -> None:
-        """Rates e J_n v in place of d/h for the pairs that bounce."""
-        self.rate = self.near.copy()
+    def _hold(self) -> None:
+        """Rates: d/h, e J_n v of pairs that bounce, and what overlaps are pushed out with."""
+        self.rate = limited(self.method, self.near)
         for i, row in enumerate(self.truth.s.rows):
             if row.kind == "contact" and not self.tangent[i]:
                 here = self.bounces[:, row.index]
                 self.rate[here, i] = self.parts[here, row.index]
+        if self.stays.any():
+            self.rate = np.where(self.stays, np.maximum(self.rate, room(self)), self.rate)
         self._respond()
 
     def with_bounces(self, pairs: Sequence[int]) -> "Problem":
@@ -266,7 +271,14 @@ class Problem:
         out = copy.copy(self)
         out.bounces = np.zeros_like(self.bounces)
         out.bounces[:, list(pairs)] = self.bounces[:, list(pairs)]
-        out._bounce()
+        out._hold()
+        return out
+
+    def with_overlaps(self, stays: Array) -> "Problem":
+        """The same where the overlaps of these rows (B, nr) stay."""
+        out = copy.copy(self)
+        out.stays = stays
+        out._hold()
         return out
 
     def start_from(self, rate: Array) -> None:
@@ -289,7 +301,7 @@ class Problem:
                 slope = 0.0 if self.method.coulomb else row.sign * self.mu[:, i]
                 gap = self.near[:, i - tangent] * self.truth.h
                 self.jac[:, i, both] = (gap * np.where(tangent, 1.0, slope))[:, None]
-        self._bounce()
+        self._hold()
 
     def _is_tangent(self, row: object) -> bool:
         return self.method.coulomb and row.kind == "contact" and row.sign < 0  # type: ignore[attr-defined]

@@ -13,7 +13,7 @@ from .verdicts import AMBIGUOUS, REASONS, SILENT, UNPROVEN, WRONG
 
 Row = dict[str, Any]
 DEFAULTS = {"scaling": "inertia", "friction": "anitescu", "integrator": "euler", "noise": "row",
-            "deviation": "scale", "gap": "start"}  # fmt: skip
+            "deviation": "scale", "gap": "start", "depenetration_speed": "None"}  # fmt: skip
 UNSOLVED = tuple(f"unsolved {reason}" for reason in REASONS)
 COMPARED = tuple(
     f"compared {what}" for what in ("single", "threads", "derivatives", "curvatures", "gradients", "sweep")

@@ -156,7 +156,10 @@ def _compared(tally: Tally, task: Task, chunk: int, worlds: Worlds, sim: Any, wh
 
 def _derivatives(tally: Tally, task: Task, worlds: Worlds, sim: Any, verdicts: Verdicts) -> None:
     """A, B, second derivatives and gradients by parameters at a few solved worlds, against differences."""
-    solved = np.flatnonzero((verdicts.verdict == HOLDS) & (verdicts.out.status == Status.SOLVED))
+    smooth = (verdicts.verdict == HOLDS) & (verdicts.out.status == Status.SOLVED)
+    if sim.options.depenetration_speed is not None:  # what touches exactly has a kink, where overlaps stay
+        smooth &= (verdicts.problem.near != 0.0).all(1)
+    solved = np.flatnonzero(smooth)
     places = solved[:: max(1, len(solved) // COMPARED)][:COMPARED]
     if not len(places) or not task.differentiates:
         return

@@ -19,7 +19,9 @@ from .parts import PARTS, Part
 from .structures import SMALL, Size
 
 DTYPES = ("float64", "float32")
-FIELDS = ("residual", "scaling", "friction", "integrator", "noise", "deviation", "gap")
+FIELDS = (
+    "residual", "scaling", "friction", "integrator", "noise", "deviation", "gap", "depenetration_speed"
+)  # fmt: skip
 DIFFERENTIATED = 4  # of so many scenes with specialised kernels one is
 GENERIC = [
     Options(residual, scaling, friction)
@@ -102,6 +104,10 @@ class Task:
         else:
             rng = np.random.default_rng([self.seed, self.scene, 2])
             chosen = [(random_options(rng, self._part().wanted), DTYPES[int(rng.random() < 0.4)])]
+        speeds = self._part().depenetration
+        if speeds:
+            speed = speeds[self.scene % len(speeds)]
+            chosen = [(dataclasses.replace(o, depenetration_speed=speed), d) for o, d in chosen]
         return [(o, d) for o, d in chosen if not self.residuals or o.residual in self.residuals]
 
 

@@ -9,6 +9,7 @@ Why worlds are NOT_CONVERGED is told by solutions of hard contact at the start o
 where the residual is smoothed: the first of `REASONS` that holds.
 """
 
+import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +19,7 @@ from slcp_warp.description.kinematics import Array
 from slcp_warp.options import Status
 
 from ..mechanics.bounces import given_up
+from ..mechanics.overlaps import left
 from .draws import CLASSES
 from .judge import Errors, Outcome, ended, judge
 from .problem import EPSILON, FLOOR, LEVER, LOST_ROWS, Problem
@@ -58,6 +60,10 @@ class Verdicts:
         finite = np.isfinite(out.x).all(1) & np.isfinite(out.impulse).all(1)
         with np.errstate(all="ignore"):
             self.errors = judge(problem, out)
+        self.held: dict[int, Problem] = {}
+        if problem.method.depenetration_speed is not None:
+            for i in np.flatnonzero(solved & ~(self.errors.worst() <= 1.0)).tolist():
+                self._hold(i)
         self.worst = np.where(solved, np.minimum(self.errors.worst(), self.errors.worst("lenient")), 0.0)
         for i in np.flatnonzero(solved & problem.bounces.any(1) & ~(self.errors.worst() <= 1.0)).tolist():
             solved[i] = not self._gave_up(i)
@@ -66,6 +72,8 @@ class Verdicts:
             self._set(i, SILENT, "not finite" if not finite[i] else self.errors.name(i))
         for count, i in enumerate(np.flatnonzero(solved & ~bad & (self.errors.worst() > 1.0)).tolist()):
             self._earn(i, count < PROOFS)
+        for i in self.held:
+            self._could_leave(i)
         for count, i in enumerate(np.flatnonzero(out.status != Status.SOLVED).tolist()):
             self._status(i, count < PROOFS)
         if len(problem.tangent):
@@ -86,6 +94,32 @@ class Verdicts:
                 self._set(i, UNPROVEN if solution is False else SILENT, "bounces less than it can")
         self.worst[i] = float(judge(found, out).worst()[0])
         return True
+
+    def _hold(self, i: int) -> None:
+        """Judge world i by the problem whose overlaps stay, if there are such."""
+        p, out = self.part(np.array([i])), self.out.part(i)
+        v = out.x[:, p.truth.s.nv :]
+        tried = list(left(p, v, p.tolerance * p.terms(np.abs(v) + np.abs(p.drive.free))))
+        if not tried:
+            return
+        with np.errstate(all="ignore"):
+            judged = [(judge(held, out), held) for held in tried]
+        errors, self.held[i] = min(judged, key=lambda one: float(one[0].worst("lenient")[0]))
+        for own, other in ((self.errors.strict, errors.strict), (self.errors.lenient, errors.lenient)):
+            for name in own:
+                own[name][i] = other[name][0]
+
+    def _could_leave(self, i: int) -> None:
+        """Overlaps of world i stay: only where not all of them can leave, they may."""
+        p = self.part(np.array([i]))
+        if self.verdict[i] == HOLDS and widest_opening(p, 0) > CLEAR:
+            solution: Any = self._tried(p, None) if p.method.coulomb else True
+            if solution is not None:
+                self._set(i, UNPROVEN if solution is False else SILENT, "stays where it could leave")
+
+    def _alone(self, i: int) -> Problem:
+        """The problem of world i that its answer solves, by itself."""
+        return copy.copy(self.held[i]) if i in self.held else self.part(np.array([i]))
 
     def doubt(self, known: Array) -> None:
         """Call unproven what hangs on an equation of motion that the oracle cannot write down (B,)."""
@@ -118,7 +152,7 @@ class Verdicts:
             return self._set(i, UNPROVEN, "a large answer")
         if self._holds_eased(i):
             return None
-        p = self.part(np.array([i]))
+        p = self._alone(i)
         if p.method.end_gap:  # the answer solves the problem with the gaps that it ends at
             x, nv = self.out.x[i : i + 1], p.truth.s.nv
             p.start_from(ended(p, x[:, :nv], x[:, nv:]))
@@ -147,10 +181,16 @@ class Verdicts:
         """Whether world i holds on the scale of the data with overlaps eased as its gaps say: a rounding may
         be much of a lever that all but vanishes, which opposed impulses press by.
         """
-        p = self.part(np.array([i]))
+        p = self._alone(i)
         p.ease(self.out.gap[i : i + 1])
         with np.errstate(all="ignore"):
             return bool(judge(p, self.out.part(i)).worst()[0] <= 1.0)
+
+    def _crosses(self, i: int) -> bool:
+        """Whether limits of a coordinate of world i exclude each other."""
+        own = {name: self.problem.truth.mech.p[name][i] for name in ("lower", "upper")}
+        has = [np.array(getattr(self.problem.truth.s, name), bool) for name in own]
+        return bool((has[0] & has[1] & (own["lower"] > own["upper"])).any())
 
     def _solvable(self, p: Problem) -> list[Problem]:
         """The only world's problem, also without bouncing: alone, where friction jams what bounces."""
@@ -172,7 +212,7 @@ class Verdicts:
         )
         lam = SLACK * (np.abs(found[1][None]) + noise)
         with np.errstate(all="ignore"):
-            return judge(self.part(np.array([i])), self.out.part(i), (v, lam))
+            return judge(self._alone(i), self.out.part(i), (v, lam))
 
     def _status(self, i: int, prove: bool) -> None:
         """Judge a status that is not SOLVED."""
@@ -193,6 +233,8 @@ class Verdicts:
         if not prove or method.end_gap or other:
             return self._set(i, UNPROVEN, status.name)
         p = self.part(np.array([i]))
+        if method.depenetration_speed is not None and not self._crosses(i):
+            return self._set(i, WRONG, f"{status.name}, but overlaps may stay")
         cache = truth.openings.setdefault((p.method.coulomb, p.dtype), {})
         if i not in cache:
             cache[i] = max(widest_opening(q, 0) for q in self._solvable(p))
