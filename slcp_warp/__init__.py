@@ -37,7 +37,7 @@ from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
 from .plain.complementarity import Complementarity, solve_complementarity
 from .plain.residuals import residual
-from .results import Linearization, Step, Trajectory
+from .results import Energies, Linearization, Step, Trajectory, energies
 from .simulator import Simulator
 from .simulator.products import Pullback, Pushforward, jvp, vjp, weighted_hessian
 from .stepping.strategy import StrategyError
@@ -56,6 +56,7 @@ __all__ = [
     "Contact",
     "Disturbances",
     "Dropout",
+    "Energies",
     "InputError",
     "FailureShare",
     "Falsification",
@@ -100,6 +101,7 @@ __all__ = [
     "compare_sequentially",
     "costs",
     "draw_worlds",
+    "energies",
     "failure_share",
     "load_worlds",
     "save_worlds",

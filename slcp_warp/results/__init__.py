@@ -1,7 +1,8 @@
 """What a simulator gives back, with what it belongs to: printed, in tables, in files, in pictures."""
 
+from .energies import Energies, energies
 from .linearization import Linearization
 from .step import Step, contact_impulse
 from .trajectory import Trajectory
 
-__all__ = ["Linearization", "Step", "Trajectory", "contact_impulse"]
+__all__ = ["Energies", "Linearization", "Step", "Trajectory", "contact_impulse", "energies"]

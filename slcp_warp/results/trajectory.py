@@ -18,6 +18,7 @@ from ..measures.reductions import Measure, Success
 from ..options import Options, Status
 from ..parameters import Parameters
 from ..storage.printed import Printed, Table, counted
+from .energies import Energies, energies
 from .overlaps import failed, failed_table
 from .pictures.motion import Motion
 from .record_checks import TRAJECTORY, check_trajectory
@@ -169,6 +170,17 @@ class Trajectory(Printed):
         out = np.full(len(solved), np.nan if isinstance(what, Measure) else False, found.dtype)
         out[solved] = found
         return out if self.batched else out[0]
+
+    @property
+    def energies(self) -> Energies:
+        """Kinetic, potential and elastic energy of every state, (B, N+1) [J]: see `slcp_warp.energies`.
+
+        Without the axis of worlds where the states have none.
+        """
+        found = energies(self.recorded("states"), self.params)
+        if self.batched:
+            return found
+        return Energies(found.kinetic[0], found.potential[0], found.elastic[0])
 
     def failures(self) -> list[tuple[int, str, str]]:
         """The first worlds that are not SOLVED: number, status, what overlaps in the state they failed at.
