@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.results.pictures.contacts import contact_points, forces
+
 from .acting import Acting, acting
-from .contacts import contact_points, forces
 from .knobs import SPEED, Knob, knobs_of
 from .pull import Pull, catch
 from .record import Record

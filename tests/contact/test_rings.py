@@ -7,8 +7,8 @@ import pytest
 
 import slcp_warp as slcp
 from slcp_warp import Body, Contact, Scene, Shape
+from slcp_warp.results.pictures.contacts import contact_points
 from slcp_warp.results.pictures.mechanism import Mechanism, outline
-from slcp_warp.scripts.watch.contacts import contact_points
 from slcp_warp.scripts.watch.pull import catch
 
 LAWS = {

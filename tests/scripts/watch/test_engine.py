@@ -10,10 +10,10 @@ import scipy.linalg
 
 import slcp_warp as slcp
 from slcp_warp.description.kinematics import turn
+from slcp_warp.results.pictures.contacts import contact_points
 from slcp_warp.results.pictures.mechanism import Mechanism
 from slcp_warp.scripts.commands.watch import watched
 from slcp_warp.scripts.watch.acting import acting
-from slcp_warp.scripts.watch.contacts import contact_points
 from slcp_warp.scripts.watch.engine import Engine
 from slcp_warp.scripts.watch.messages import parsed
 from slcp_warp.scripts.watch.player import Player

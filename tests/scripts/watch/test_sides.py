@@ -5,8 +5,8 @@ import pytest
 from oracle import Oracle
 
 from slcp_warp import Body, Scene, Shape
+from slcp_warp.results.pictures.contacts import contact_points
 from slcp_warp.results.pictures.mechanism import Mechanism
-from slcp_warp.scripts.watch.contacts import contact_points
 from slcp_warp.scripts.watch.pull import catch
 
 

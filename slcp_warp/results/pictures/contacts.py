@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slcp_warp.description.kinematics import across, turn
 from slcp_warp.kernels.structure import CORNERS, HALFPLANE, SIDED, WALLS
-from slcp_warp.results.pictures.mechanism import Mechanism
+
+from ...description.kinematics import across, turn
+from .mechanism import Mechanism
 
 Part = tuple[int, int]  # a shape, and which end of it: 0, the whole shape
 
