@@ -20,6 +20,7 @@ from ..parameters import Parameters
 from ..storage.printed import Printed, Table, counted
 from .energies import Energies, energies
 from .overlaps import failed, failed_table
+from .pictures.contacts import contact_table
 from .pictures.motion import Motion
 from .record_checks import TRAJECTORY, check_trajectory
 from .records import Record, read_record
@@ -142,6 +143,26 @@ class Trajectory(Printed):
         contacts of the same bodies carries what is not unique.
         """
         return self._by_pair if self.batched else self._by_pair[0]
+
+    def contacts(self, world: int = 0, least: float = 1e-9) -> dict[str, np.ndarray]:
+        """What presses where in a world: columns with a row for every step and pair whose contact does.
+
+        step, time [s] and pair (its name), x, y: where it touches as the step begins [m], normal_x,
+        normal_y: from shape_a to shape_b, normal_force and tangential_force: what pushes shape_b along that
+        and along it turned by 90 degrees counter-clockwise [N]. `pandas.DataFrame(run.contacts())`.
+
+        Args:
+            world: which.
+            least: normal impulses up to that are none [N s].
+
+        Raises:
+            ArgumentError: impulses were not recorded, or there are checkpoints only.
+        """
+        if self.kept is not None:
+            raise ArgumentError("this trajectory has checkpoints only; contacts need all states")
+        index = checks.whole("world", world, 0, len(self) - 1)
+        impulse = np.nan_to_num(self._by_pair[index])
+        return contact_table(self.motion(index), impulse, checks.number("least", least, 0.0))
 
     def measure(self, what: Measure | Success) -> Any:
         """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded; one number of one

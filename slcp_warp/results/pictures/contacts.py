@@ -1,4 +1,4 @@
-"""Where pairs touch: the direction of their distance, for arrows of the contact forces."""
+"""Where pairs touch: the direction of their distance, for arrows and tables of the contact forces."""
 
 from collections.abc import Sequence
 
@@ -8,6 +8,7 @@ from slcp_warp.kernels.structure import CORNERS, HALFPLANE, SIDED, WALLS
 
 from ...description.kinematics import across, turn
 from .mechanism import Mechanism
+from .motion import Motion
 
 Part = tuple[int, int]  # a shape, and which end of it: 0, the whole shape
 
@@ -85,3 +86,20 @@ def _support(mechanism: Mechanism, angle: np.ndarray, part: Part, n: np.ndarray)
 def forces(normals: np.ndarray, impulse: np.ndarray, step_size: float) -> np.ndarray:
     """(k, 2) forces on shape_b [N], of impulses (k, 2) along normal and tangent [N s]."""
     return (impulse[:, :1] * normals + impulse[:, 1:] * across(normals)) / step_size
+
+
+def contact_table(motion: Motion, impulse: np.ndarray, least: float) -> dict[str, np.ndarray]:
+    """Columns with a row for every contact that presses in a step of a motion; see `Trajectory.contacts`."""
+    mechanism, names = Mechanism.of(motion), np.array(motion.scene.pair_names, dtype=object)
+    steps, pairs = np.nonzero(impulse[..., 0] > least)
+    places = [np.zeros((0, 4))]
+    for step in np.unique(steps):
+        own = pairs[steps == step].tolist()
+        found = contact_points(mechanism, motion.states[step, : motion.scene.nv], own)
+        places.append(np.concatenate(found, axis=1))
+    x, y, normal_x, normal_y = np.concatenate(places).T
+    spans = np.diff(motion.time)[steps]
+    out = {"step": steps, "time": motion.time[steps], "pair": names[pairs], "x": x, "y": y}
+    out |= {"normal_x": normal_x, "normal_y": normal_y}
+    pushes = impulse[steps, pairs]
+    return out | {"normal_force": pushes[:, 0] / spans, "tangential_force": pushes[:, 1] / spans}
