@@ -11,6 +11,7 @@ from slcp_warp.costs.terms import with_points_of
 from slcp_warp.inputs.checks import whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.inputs.limits import limit_rows
+from slcp_warp.policies.around import controls_before
 from slcp_warp.results.simulated import Simulated
 
 from .costs import Cost
@@ -30,6 +31,8 @@ class Problem:
             None.
         state_limits: likewise of the states, (nx,) or (B, nx): they hold at every step but the first, to the
             options' ``limit_tolerance``; or None.
+        before: controls that act until the first that is sent does, (nu,) or one number for all, where
+            controls are late (`Result.delay`, `MPC(lag=)`); None: zero. Within the limits.
     """
 
     dynamics: Any
@@ -38,6 +41,7 @@ class Problem:
     params: Any = None
     control_limits: Any = None
     state_limits: Any = None
+    before: Any = None
 
     def __post_init__(self) -> None:
         dynamics_of(self.dynamics)
@@ -71,6 +75,7 @@ class Problem:
             self.limit_rows()
         if self.state_limits is not None:
             self.state_limit_rows()
+        controls_before("before", self.before, self.nu)
 
     def _step_size(self) -> float:
         """Of all problems [s]; terms of the cost that count for a time need it."""
@@ -128,8 +133,8 @@ class Problem:
         return limit_rows(self.control_limits, self.nu)
 
     def rest_control(self) -> np.ndarray:
-        """(1 or B, nu) the controls before the first one acts: zero, within the limits."""
-        return np.clip(0.0, *self.limit_rows())
+        """(1 or B, nu) the controls before the first one acts: `before`, or zero, within the limits."""
+        return np.clip(controls_before("before", self.before, self.nu), *self.limit_rows())
 
     def state_limit_rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper limits of the states (1 or B, nx), infinite where there is none.

@@ -110,7 +110,8 @@ class Options:
             )
         self._check_tolerance()
         if self.depenetration_speed is not None:
-            number("Options.depenetration_speed", self.depenetration_speed, 0.0, error=OptionError)
+            speed = number("Options.depenetration_speed", self.depenetration_speed, 0.0, error=OptionError)
+            object.__setattr__(self, "depenetration_speed", speed)
 
     def _check_tolerance(self) -> None:
         """Raise OptionError for a tolerance out of range, or of a solver that has none."""
@@ -135,9 +136,8 @@ class Options:
         """The options as the kernels take them."""
         deviation = self.deviation or ("standard-deviation" if self.noise == "state" else "scale")
         tolerance = None if self.tolerance is None else float(self.tolerance)
-        speed = None if self.depenetration_speed is None else float(self.depenetration_speed)
         return Method(self.residual, self.scaling, self.friction, self.integrator, self.noise, deviation,
-                      tolerance, self.gap, speed)  # fmt: skip
+                      tolerance, self.gap, self.depenetration_speed)  # fmt: skip
 
     def with_residual(self, residual: str) -> "Options":
         """The same with another residual, without what is not offered with it."""

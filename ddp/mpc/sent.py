@@ -6,8 +6,8 @@ from ..problem import Problem
 
 
 class OnTheWay:
-    """The last controls of a block of worlds, as many as steps pass before one acts; none (zero, within the
-    limits) before the first.
+    """The last controls of a block of worlds, as many as steps pass before one acts; `Problem.before` until
+    the first does.
 
     Args:
         problem: whose dynamics foretell.

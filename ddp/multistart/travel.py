@@ -26,7 +26,7 @@ from ..problem import Problem
 
 FORMAT, VERSION = "slcp-warp-starts", 1
 PARAMETER = "param_"
-LIMITS = ("control_limits", "state_limits")
+LIMITS, BEFORE = ("control_limits", "state_limits"), "controls_before"
 Content = tuple[dict[str, Any], dict[str, np.ndarray]]
 
 
@@ -42,6 +42,8 @@ def content_of(problem: Problem, arrays: Mapping[str, np.ndarray], options: Opti
     for name, rows in zip(LIMITS, (problem.limit_rows(), problem.state_limit_rows())):
         if getattr(problem, name) is not None:
             values |= {f"{name}_{side}": row[0] for side, row in zip(("lower", "upper"), rows)}
+    if problem.before is not None:
+        values[BEFORE] = np.asarray(problem.before, float)
     cost = problem.cost
     header = {
         "dynamics": _dynamics(problem.dynamics), "horizon": problem.horizon, "options": settings,
@@ -145,7 +147,8 @@ def read_starts(path: Path, digest: str) -> tuple[Problem, dict[str, np.ndarray]
         if f"{name}_lower" in arrays
     }
     made = Cost(_named(cost["make"]), arrays["weights"], cost["nx"], cost["nu"], cost["nodes"])
-    problem = Problem(dynamics, made, header["horizon"], _replaced(dynamics, arrays), **limits)
+    problem = Problem(dynamics, made, header["horizon"], _replaced(dynamics, arrays),
+                      before=arrays.get(BEFORE), **limits)  # fmt: skip
     return problem, arrays, Options(**header["options"])
 
 

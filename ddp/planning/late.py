@@ -1,7 +1,7 @@
 """Plans of controls that act some steps after they are sent: what cannot be changed any more, and the rest.
 
-Before the first control acts there is none (zero, within the limits), so that the first steps follow from the
-start alone. What comes after them is a problem like any other, from the state that they lead to.
+Before the first control acts nobody's does (`Problem.before`, zero by itself), so that the first steps follow
+from the start alone. What comes after them is a problem like any other, from the state that they lead to.
 """
 
 from dataclasses import dataclass, replace
@@ -79,7 +79,7 @@ class Late:
         if (first.any(-1) & (first != self.whole.rest_control()).any(-1)).any():
             raise ArgumentError(
                 f"starts has controls in its first {self.delay} steps, before the first that is sent acts; "
-                "zeros are needed there"
+                "zeros are needed there, or what acts before"
             )
         return found[:, self.delay :]
 

@@ -64,7 +64,8 @@ def problem_of(task: Task, sim: Simulator | None = None) -> Problem:
     instance("sim", sim, Simulator | None, "a slcp_warp.Simulator")
     sim = task.simulator() if sim is None else sim
     limits = task.state_limit_rows()
-    return Problem(sim, task.cost, task.horizon, None, task.control_limits, limits)
+    before = task.disturbances.fixed().before
+    return Problem(sim, task.cost, task.horizon, None, task.control_limits, limits, before)
 
 
 def random_starts(

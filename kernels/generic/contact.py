@@ -32,7 +32,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     mech = make_mechanism(given)
     broad = make_broad(residual)
     ends = make_matrix().ends
-    bounces, overlaps = make_bounces(given), make_overlaps(residual)
+    bounces, overlaps = make_bounces(given), make_overlaps(given, residual)
     number, column = mech.number, mech.column
     GEO = wp.types.vector(8, dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
@@ -154,14 +154,20 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                     chained_rows(t, k, pair, r, pa, pb, g, mu)
                 most = overlaps.limited(t, gap / h)
                 rate = most + ZERO
+                bounce = ZERO + ZERO
                 if t.bounces == 1:
                     rate = bounces.bounced(t, k, pair, r, rate)
+                    bounce = wp.max(k.bounce[pair], ZERO)
+                beside = ZERO + ZERO
                 if k.count[wp.static(BESIDE)] > 0:
-                    rate += k.beside[pair]
+                    beside += k.beside[pair]
                 for _same in range(t.pair_row[pair + 1] - t.pair_row[pair]):
-                    k.gap[r] = rate
-                    if t.overlaps == 1:
-                        k.gap[r] = overlaps.eased(k, r, gap, rate == most and most > gap / h, rate)
+                    k.gap[r] = rate + beside
+                    if t.overlaps == 1 and bounce > ZERO:
+                        k.apart[k.row[r]] = gap
+                        k.fixed[k.row[r]] = 0
+                    elif t.overlaps == 1:
+                        k.gap[r] = overlaps.eased(t, k, r, gap, most > gap / h, rate) + beside
                     r += 1
             else:
                 j = t.row_index[i]
@@ -171,7 +177,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                 rate = overlaps.limited(t, open / h)
                 k.gap[r] = rate
                 if t.overlaps == 1:
-                    k.gap[r] = overlaps.eased(k, r, open, rate > open / h, rate)
+                    k.gap[r] = overlaps.eased(t, k, r, open, rate > open / h, rate)
                 r += 1
         for i in range(start, end):
             k.rate[i] = k.gap[i]
@@ -347,8 +353,8 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         row_gap=row_gap,
         forget_bounces=bounces.forget,
         give_up_bounces=bounces.give_up,
-        let_overlaps_stay=overlaps.let_stay,
-        forget_overlaps=overlaps.forget,
+        allow_bounces=bounces.allow,
+        overlaps=overlaps,
         pose_a=pose_a,
         pose_b=pose_b,
         radii_a=radii_a,

@@ -287,19 +287,50 @@ def make_island(given: type, residual: str) -> wp.Function:
         return status
 
     @wp.func
-    def is_shut(status: int):
-        return status == wp.static(INFEASIBLE) or status == wp.static(JAMMED)
+    def is_shut(t: wp.ref[Topology], status: int):
+        """Whether there is no way; where overlaps may stay, or none was found."""
+        none = t.overlaps == 1 and status == wp.static(NOT_CONVERGED)
+        return none or status == wp.static(INFEASIBLE) or status == wp.static(JAMMED)
+
+    @wp.func(inline=False)
+    def open_parts(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, parts: int):
+        """`settle_judged` with overlaps of those parts of an island open that can open while others stay."""
+        status = int(wp.static(NOT_CONVERGED))
+        for part in range(1, wp.where(parts > 1, parts + 1, 1)):
+            contact.overlaps.stay(k, o, part, 0)
+            status = settle_judged(t, k, o, 1)
+            if status != wp.static(SOLVED):
+                contact.overlaps.stay(k, o, part, 1)
+        if status != wp.static(SOLVED):
+            contact.overlaps.stay(k, o, 0, 1)
+            status = settle_judged(t, k, o, 0)
+        return status
+
+    @wp.func(inline=False)
+    def leave_overlaps(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, shut: int):
+        """What follows from rows that found no way: overlaps stay, and bounces are given up only then."""
+        status = int(shut)
+        parts = contact.overlaps.divide(t, k, o)
+        if t.bounces == 1:
+            contact.allow_bounces(t, k, o)
+        if parts > 0:
+            status = open_parts(t, k, o, parts)
+        elif status == wp.static(NOT_CONVERGED):
+            status = settle_judged(t, k, o, 0)
+        if t.bounces == 1 and is_shut(t, status):
+            if contact.give_up_bounces(t, k, o) == 1:
+                status = wp.where(parts > 0, open_parts(t, k, o, parts), settle_judged(t, k, o, 0))
+        return status
 
     @wp.func
     def settle_with_room(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """`settle_judged`; where there is no way, without bouncing, and then with overlaps that stay."""
         status = settle_judged(t, k, o, t.overlaps)
-        if t.bounces == 1 and is_shut(status):
+        if t.bounces == 1 and is_shut(t, status):
             if contact.give_up_bounces(t, k, o) == 1:
                 status = settle_judged(t, k, o, t.overlaps)
-        if t.overlaps == 1 and (is_shut(status) or status == wp.static(NOT_CONVERGED)):
-            if contact.let_overlaps_stay(k, o) == 1 or status == wp.static(NOT_CONVERGED):
-                status = settle_judged(t, k, o, 0)
+        if t.overlaps == 1 and is_shut(t, status):
+            status = leave_overlaps(t, k, o, status)
         if status == wp.static(NOT_CONVERGED):
             step_aside(t, k, o)
         return status

@@ -132,7 +132,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         if t.bounces == 1:
             contact.forget_bounces(t, k)
         if t.overlaps == 1:
-            contact.forget_overlaps(t, k)
+            contact.overlaps.forget(t, k)
         rounding(t, k)
         status = int(wp.static(SOLVED))
         which = int(wp.static(AFRESH))
@@ -162,7 +162,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                 which = wp.where(again, wp.static(AGAIN), wp.static(ALL))
                 k.count[wp.static(LOOKS)] = wp.where(again, looks + 1, 0)
                 more = int(1)
-        if status != wp.static(NONFINITE) and excluded(t, k):
+        if status != wp.static(NONFINITE) and t.overlaps == 0 and excluded(t, k):
             status = int(wp.static(INFEASIBLE))
         return status
 

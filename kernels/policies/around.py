@@ -57,6 +57,7 @@ def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: 
         noise: wp.array(dtype=dtype)  # (nx,) standard deviations
         lower: wp.array(dtype=dtype)  # (0 or nu,)
         upper: wp.array(dtype=dtype)
+        before: wp.array(dtype=dtype)  # (0 or nu,) what acts until what is sent does
 
     @wp.func
     def start(data: Around, world: int, x: VX):
@@ -64,6 +65,9 @@ def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: 
         inside = asked.begin(data.inner, world, seen(data, world, 0, x))
         for j in range(HELD):
             memory[j] = inside[j]
+        if data.before.shape[0] > 0:
+            for j in range(wp.static(DELAY * nu)):
+                memory[WAY + j] = data.before[j % nu]
         return memory
 
     @wp.func

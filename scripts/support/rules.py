@@ -14,6 +14,7 @@ from slcp_warp.options import CHOICES
 
 RESIDUALS = {"smoothed": "rem-logistic", **{name: name for name in CHOICES["residual"]}}
 OF_HARD, OF_SMOOTHED = ("friction", "gap"), ("noise", "deviation")  # rules of some residuals only
+NOT_OF_ERM = ("tolerance", "depenetration_speed")
 
 Residual = Annotated[
     str | None, typer.Option(help="smoothed, hard, rem-normal, ..; default: the task's, or smoothed.")
@@ -85,7 +86,7 @@ class Rules:
             unused -= set(own)
         if unused:
             rule = min(unused)
-            kind = "hard" if rule in OF_HARD else "smoothed"
+            kind = "hard" if rule in OF_HARD else "hard or REM" if rule in NOT_OF_ERM else "smoothed"
             raise ValueError(
                 f"--{rule} is {self.given[rule]!r}, which is of the {kind} problem; --residuals is "
                 f"{residuals}"
@@ -101,6 +102,7 @@ class Rules:
 
     def _of_residual(self, residual: str) -> dict[str, Any]:
         without = OF_SMOOTHED if residual == "hard" else OF_HARD
+        without += NOT_OF_ERM if residual.startswith("erm") else ()
         return {rule: value for rule, value in self.given.items() if rule not in without}
 
 

@@ -22,30 +22,51 @@ LONGEST = 256
 LIMITS = ("lower", "upper")
 
 
+def controls_before(name: str, before: Any, nu: int) -> np.ndarray:
+    """(nu,) controls from what was given of them, one number for all or none.
+
+    Raises:
+        ArgumentError: another number of controls.
+    """
+    given = np.zeros(()) if before is None else array(name, before)
+    if given.shape not in ((), (nu,)):
+        raise ArgumentError(f"{name} has shape {given.shape}; a number, or ({nu},), is needed")
+    return np.array(np.broadcast_to(given, (nu,)))
+
+
 class Around:
     """A policy behind a noisy sensor, a hold, a delay and limits, in this order.
 
     Args:
         policy: any that a kernel evaluates.
         limits: (lower, upper) of the controls, each a number or (nu,); None: none beside a task's.
-        delay: steps from a control to its action, at most 256; before the first acts, controls are zero.
+        delay: steps from a control to its action, at most 256; `before` acts until the first does.
         hold: steps that a control is held; the policy is asked in steps 0, hold, 2 hold, ... only.
         noise: standard deviations of white noise on the state that the policy sees, by state name, (nx,), or
             one for all; None: none.
         seed: of the noise, which depends on it, the world's number, the step, and on how many are inside.
+        before: controls (nu,), or one number for all, until the first that is sent acts; None: zero.
 
     Raises:
         ArgumentError: what is out of range, or with a simulator of another size or unknown.
     """
 
     def __init__(
-        self, policy: Any, limits: Any = None, delay: int = 0, hold: int = 1, noise: Any = None, seed: int = 0
+        self,
+        policy: Any,
+        limits: Any = None,
+        delay: int = 0,
+        hold: int = 1,
+        noise: Any = None,
+        seed: int = 0,
+        before: Any = None,
     ) -> None:
         self.policy, self.limits = policy, any_limits(limits, "limits")
         self.worlds = getattr(policy, "worlds", 1)
         self.step_size = attribute(policy, "step_size")
         self.delay, self.hold = whole("delay", delay, 0, LONGEST), whole("hold", hold)
         self.seed = whole("seed", seed, 0)
+        self.before = None if before is None else array("before", before)
         self.noise = noise
         if isinstance(noise, Mapping):
             self.noise = {name: number(f"noise[{name!r}]", sd, 0.0) for name, sd in noise.items()}
@@ -77,7 +98,9 @@ class Around:
         struct.inner, struct.delay, struct.hold = inside, self.delay, self.hold
         struct.seed, struct.stream = self.seed, self.stream(sim.nx)
         limits = (lower[0], upper[0]) if bounded(lower, upper) else ([], [])
-        for name, values in (("noise", noise), ("lower", limits[0]), ("upper", limits[1])):
+        before: Any = self.controls_before(sim.nu) if self.before is not None and self.delay else []
+        numbers = (("noise", noise), ("lower", limits[0]), ("upper", limits[1]), ("before", before))
+        for name, values in numbers:
             setattr(struct, name, wp.array(np.asarray(values, float), dtype=sim.dtype, device=sim.device))
         return kernel, struct
 
@@ -98,6 +121,8 @@ class Around:
             values["noise"] = dict(self.noise)
         elif self.noise is not None:
             arrays["noise"] = self.noise
+        if self.before is not None:
+            arrays["before"] = self.before
         inside = content_of(self.policy).within("policy")
         return Content(values | inside.values, arrays | inside.arrays)
 
@@ -108,7 +133,12 @@ class Around:
         limits = tuple(arrays[name] for name in LIMITS) if set(LIMITS) & set(arrays) else None
         between = {name: values[name] for name in ("delay", "hold", "seed")}
         noise = values.get("noise", arrays.get("noise"))
-        return cls(policy_of(content.below("policy")), limits, noise=noise, **between)
+        before = arrays.get("before")
+        return cls(policy_of(content.below("policy")), limits, noise=noise, before=before, **between)
+
+    def controls_before(self, nu: int) -> np.ndarray:
+        """(nu,) what acts until the first control that is sent does, of a simulator's controls."""
+        return controls_before("before", self.before, nu)
 
     def deviations(self, sim: Simulator) -> np.ndarray:
         """Standard deviations (nx,) of the noise on a simulator's states."""

@@ -115,6 +115,7 @@ class FollowedAround:
     def __init__(self, policy: Around, inner: Followed, sim: Simulator, like: Tensor) -> None:
         self.inner, self.delay, self.hold, self.seed = inner, policy.delay, policy.hold, policy.seed
         self._sim, self._stream = sim, policy.stream(sim.nx)
+        self._before = torch.tensor(policy.controls_before(sim.nu), dtype=like.dtype, device=like.device)
         self._noise: Any = wp.array(policy.deviations(sim), dtype=sim.dtype, device=sim.device)
         self._noisy = bool(policy.deviations(sim).any())
         lower, upper = limit_rows(policy.limits, sim.nu)
@@ -124,7 +125,8 @@ class FollowedAround:
     def start(self, x: Tensor) -> Memory:
         """See `Followed`."""
         zeros = x.new_zeros((len(x), self._sim.nu))
-        return (x.new_zeros(()), *(zeros,) * (1 + self.delay), *self.inner.start(self._seen(0, x)))
+        way = (self._before.expand(len(x), -1),) * self.delay
+        return (x.new_zeros(()), zeros, *way, *self.inner.start(self._seen(0, x)))
 
     def _seen(self, k: int, x: Tensor) -> Tensor:
         if not self._noisy:

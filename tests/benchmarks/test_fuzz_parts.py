@@ -51,7 +51,7 @@ def rolled(task=ROLLED, options=HARD, dtype="float64"):
 
 @pytest.mark.parametrize(
     ("part", "scene"),
-    [("rollouts", 5), ("auto", 8), ("heaps", 1), ("heaps", 10), ("bounces", 3), ("overlaps", 4)],
+    [("rollouts", 5), ("auto", 8), ("heaps", 1), ("heaps", 10), ("bounces", 3), ("overlaps", 9)],
 )
 def test_small_runs_of_the_parts_have_no_silent_failure(part, scene):
     task = Task(1, scene, "generic", residuals=("hard",), per_chunk=4, part=part)

@@ -252,3 +252,93 @@ def test_what_is_not_offered_is_said():
     for wrong in (-1.0, np.nan, np.inf, "1", True, [1.0]):
         with pytest.raises(slcp.OptionError, match="depenetration_speed is .*nonnegative and finite number"):
             slcp.Options(depenetration_speed=wrong)
+
+
+@ALL
+def test_what_neither_touches_nor_hangs_together_leaves_beside_what_stays(law):
+    """However fast something far away is, by which all that is near is looked at together."""
+    walls = [("left", 0.0, (-0.098, 0.0)), ("right", np.pi, (0.098, 0.0))]
+    scene = disc(*walls, gravity=(0.0, 0.0))
+    shapes = (
+        Shape("other", "other", "disc", RADIUS),
+        Shape("far", "far", "disc", RADIUS),
+        Shape("post", None, "disc", RADIUS, offset=(0.8, 0.0)),
+        Shape("floor", None, "halfplane", angle=np.pi / 2, offset=(0.0, -30.0)),
+    )
+    pairs = (("disc", "other"), ("other", "post"), ("far", "floor"), ("far", "disc"))
+    bodies = tuple(Body(name, 1.0, 0.005, joint="free") for name in ("other", "far"))
+    scene = replace(scene, bodies=scene.bodies + bodies, shapes=scene.shapes + shapes,
+                    contacts=scene.contacts + tuple(Contact(*pair) for pair in pairs))  # fmt: skip
+    x = np.zeros((4, 18))
+    x[:, 3], x[:, 7] = 0.8 - 0.197, -20.0  # overlaps the post by 3 mm
+    x[:, 16] = [0.0, -2.0, -20.0, -200.0]
+    step = simulator(scene, law, 0.2).step(x)
+    assert not step.status.any()
+    np.testing.assert_allclose(step.state[:, 12], -0.2, atol=3e-3 if law == "smoothed" else 1e-9)
+    np.testing.assert_allclose(step.state[:, 9], 0.0, atol=1e-6)
+    np.testing.assert_allclose(step.gap[:, :2], -2e-3, atol=1e-12)
+
+
+@ALL
+def test_what_bounces_does_so_beside_what_stays(law):
+    """A ball that falls on a jammed wheel, met in the step."""
+    scene = disc(FLOOR, WALL, friction=1.2, gravity=(0.0, 0.0), sigma=1e-6)
+    ball = Body("ball", 0.1, 1e-4, joint="free")
+    scene = replace(scene, bodies=(*scene.bodies, ball),
+                    shapes=(*scene.shapes, Shape("ball", "ball", "disc", 0.05)),
+                    contacts=(*scene.contacts, Contact("disc", "ball", restitution=0.5)))  # fmt: skip
+    x = np.zeros((1, 12))
+    x[0, :2], x[0, 3:5], x[0, 10] = (-0.099, 0.099), (-0.099, 0.099 + 0.15 + 0.005), -2.0
+    step = simulator(scene, law, 0.5).step(x)
+    assert not step.status.any()
+    assert step.state[0, 10] == pytest.approx(1.0, abs=1e-4)
+    assert np.abs(step.state[0, 6:9]).max() < 1e-6
+
+
+def test_steps_know_nothing_of_those_before():
+    """Of noise levels least of all: a room is that of the row, whatever was there before."""
+    scene, axis = channel(2e-3)
+    sim = simulator(scene, "smoothed", 1.0)
+    x = np.concatenate([np.zeros(3), 0.5 * axis, [0.0]])[None]
+    first = sim.step(x)
+    sim.step(x, None, sim.params.replace(sigma=1e4))
+    again = sim.step(x)
+    np.testing.assert_array_equal(first.state, again.state)
+    assert np.abs(first.state[0, 3:5] @ axis) < 2e-4 * scene.sigma
+
+
+@ALL
+def test_limits_that_cross_stay(law):
+    arm = Body("arm", 1.0, 0.1, lower=-0.5, upper=0.5)
+    sim = simulator(Scene("joint", (arm,), gravity=(0.0, 0.0), step_size=0.01), law, 1.0)
+    step = sim.step(np.array([[0.15, 1.0]]), None, sim.params.replace(lower=0.2, upper=0.1))
+    assert not step.status.any()
+    assert abs(step.state[0, 1]) < 1e-4
+
+
+def test_a_bounce_as_fast_as_the_speed_is_a_bounce():
+    scene = disc(FLOOR, gravity=(0.0, 0.0))
+    scene = replace(scene, contacts=(replace(scene.contacts[0], restitution=0.5),))
+    sim = simulator(scene, "hard", 1.0)
+    x, weight = np.array([[0.0, RADIUS - 0.02, 0.0, 0.0, -2.0, 0.0]]), np.zeros((1, 2, 6))
+    weight[0, 1, 4] = 1.0
+    found = slcp.vjp(sim, x, np.zeros((1, 1, 0)), weight, parameters=("restitution",))
+    assert found.x0[0, 4] == pytest.approx(-0.5)
+    assert found.parameters["restitution"][0, 0] == pytest.approx(2.0)
+
+
+def test_what_a_box_has_no_room_for_is_solved_where_it_may_leave_too():
+    """Four discs of too large a friction: no world ends that does not where nothing is pushed."""
+    rng = np.random.default_rng(0)
+    sides = [("floor", np.pi / 2, (0.0, 0.0)), ("left", 0.0, (0.0, 0.0)), ("right", np.pi, (0.35, 0.0)),
+             ("lid", -np.pi / 2, (0.0, 0.35))]  # fmt: skip
+    shapes = [Shape(f"d{i}", f"d{i}", "disc", RADIUS) for i in range(4)]
+    shapes += [Shape(name, None, "halfplane", offset=offset, angle=angle) for name, angle, offset in sides]
+    bodies = tuple(Body(f"d{i}", 1.0, 0.005, joint="free") for i in range(4))
+    scene = Scene("box", bodies, tuple(shapes), "auto", friction=1.2, gravity=(0.0, 0.0), step_size=0.01)
+    x = np.zeros((60, 24))
+    for i, place in enumerate(((0.1, 0.1), (0.25, 0.1), (0.1, 0.25), (0.25, 0.25))):
+        x[:, 3 * i : 3 * i + 2] = place + 0.01 * rng.standard_normal((60, 2))
+    x[:, 12:] = rng.standard_normal((60, 12))
+    runs = [simulator(scene, "hard", speed).rollout(x, steps=40) for speed in (0.0, 0.5)]
+    assert max(int(run.status.astype(bool).sum()) for run in runs) <= 1

@@ -20,6 +20,7 @@ from test_own import (
 
 import slcp_warp as slcp
 from slcp_warp import policies
+from slcp_warp.ensembles.worlds.nominal import nominal
 from slcp_warp.kernels.ensembles import disturbances
 from slcp_warp.kernels.policies import around
 
@@ -154,3 +155,56 @@ def test_noise_inside_noise_is_other_noise(device):
         noisy = policies.Around(noisy, noise=0.1)
         run = sim.rollout(np.zeros((4000, sim.nx)), policy=noisy, steps=1, record="controls")
         assert run.controls[:, 0, 0].std() == pytest.approx(0.1 * np.sqrt(depth), rel=0.05)
+
+
+def test_what_acts_before_the_first_control_that_is_late(device):
+    """In every kind of step: within limits, in kernels and in sweeps."""
+    between = {"limits": (-1.0, 5.5), "delay": 3, "hold": 2}
+    policy = policies.Around(Integrator().policy(), **between, before=[0.7])
+    run = loose(device, "specialised").rollout(STARTS, policy=policy, steps=STEPS, record="controls")
+    zero = policies.Around(Integrator().policy(), **between)
+    other = loose(device, "specialised").rollout(STARTS, policy=zero, steps=STEPS, record="controls")
+    np.testing.assert_allclose(np.asarray(run.controls)[:, :3], 0.7, rtol=1e-6)
+    assert (np.asarray(other.controls)[:, :3] == 0.0).all()
+    beyond = policies.Around(Integrator().policy(), **between, before=9.0)
+    run = loose(device, "specialised").rollout(STARTS, policy=beyond, steps=STEPS, record="controls")
+    assert (np.asarray(run.controls)[:, :3] == 5.5).all()
+    with pytest.raises(slcp.ArgumentError, match=r"before has shape \(2,\); a number, or \(1,\), is needed"):
+        wrong = policies.Around(Integrator().policy(), delay=1, before=[1.0, 2.0])
+        loose(device, "specialised").rollout(STARTS, policy=wrong, steps=2)
+
+
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
+def test_what_acts_before_is_of_the_task_in_sweeps_and_rollouts(device, strategy):
+    """Nothing is sent, and what acts before does for as long as the delay, in both arms and on the host."""
+    own = task(
+        disturbances=slcp.Disturbances(delay=0.06, before=(2.0,), torque=1e-9), control_limits=(-1.0, 1.5)
+    )
+    steps = round(0.06 / own.scene.step_size)
+    named = {"still": policies.Linear(np.zeros((1, 2 * own.scene.nv))), "host": StillOnTheHost()}
+    own = own.replace(measures={"push": slcp.measures.mean(slcp.measures.control(0))})
+    report = slcp.sweep(own, named, worlds=2, cases=own.options, device=device, strategy=strategy)
+    for name in named:
+        for arm in ("undisturbed", "disturbed"):
+            found = report.part(name, arm=arm)["push"]
+            np.testing.assert_allclose(found, 1.5 * steps / STEPS, rtol=1e-4)
+        run = simulator(device, strategy).rollout(
+            STARTS, policy=nominal(named[name], own, own.scene.step_size), steps=STEPS, record="controls"
+        )
+        assert (run.controls[:, :steps] == 1.5).all() and (run.controls[:, steps:] == 0.0).all()
+
+
+class StillOnTheHost:
+    period = None
+
+    def act(self, x, time, worlds):
+        return np.zeros((len(x), 1))
+
+
+def test_what_acts_before_needs_a_delay_and_fits_the_controls():
+    with pytest.raises(slcp.ArgumentError, match="before is 1.0, but there is no delay"):
+        slcp.Disturbances(before=1.0)
+    with pytest.raises(slcp.InputError, match="before has 2 controls; scene .* has 1"):
+        task(disturbances=slcp.Disturbances(delay=0.1, before=(1.0, 2.0)))
+    with pytest.raises(slcp.InputError, match="Disturbances.before"):
+        slcp.Disturbances(delay=0.1, before="much")

@@ -53,7 +53,13 @@ def network():
 def around():
     limits, noise = (-0.5, np.array([0.5, 0.6])), {"ellipse.angle": 0.1}
     return policies.Around(
-        policies.Around(nearest(), noise=0.2 + RNG.random(6)), limits, delay=2, hold=3, noise=noise, seed=8
+        policies.Around(nearest(), noise=0.2 + RNG.random(6)),
+        limits,
+        delay=2,
+        hold=3,
+        noise=noise,
+        seed=8,
+        before=[0.1, -0.2],
     )
 
 

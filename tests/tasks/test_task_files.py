@@ -50,6 +50,7 @@ def rich() -> slcp.Task:
             kicks={"block.vx": slcp.Normal(0.1, mean=0.2)},
             sensor={"block.x": 0.01},
             delay=0.04,
+            before=(1.5,),
             dropped=0.1,
             parameters={"mass": slcp.LogNormal(0.1, shared=True), "block.com": slcp.Normal(0.01)},
             pushes=(slcp.Push("block", slcp.Uniform(0.1, 0.2), 0.1, (slcp.Normal(2.0), 1.0), at=(0.0, 0.1)),),

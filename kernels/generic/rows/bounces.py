@@ -67,4 +67,14 @@ def make_bounces(given: type) -> SimpleNamespace:
                 k.bounce[pair] = -ONE
         return found
 
-    return SimpleNamespace(bounced=bounced, normal_rate=normal_rate, forget=forget, give_up=give_up)
+    @wp.func
+    def allow(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Pairs of an island may bounce again."""
+        for r in range(o.row, o.last_row):
+            i = k.row[r]
+            if t.row_kind[i] == wp.static(CONTACT):
+                k.bounce[t.row_index[i]] = ZERO
+
+    return SimpleNamespace(
+        bounced=bounced, normal_rate=normal_rate, forget=forget, allow=allow, give_up=give_up
+    )

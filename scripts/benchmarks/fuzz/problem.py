@@ -257,7 +257,7 @@ class Problem:
 
     def _hold(self) -> None:
         """Rates: d/h, e J_n v of pairs that bounce, and what overlaps are pushed out with."""
-        self.rate = limited(self.method, self.near)
+        self.rate = limited(self.method.depenetration_speed, self.near)
         for i, row in enumerate(self.truth.s.rows):
             if row.kind == "contact" and not self.tangent[i]:
                 here = self.bounces[:, row.index]

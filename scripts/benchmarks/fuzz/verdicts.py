@@ -186,12 +186,6 @@ class Verdicts:
         with np.errstate(all="ignore"):
             return bool(judge(p, self.out.part(i)).worst()[0] <= 1.0)
 
-    def _crosses(self, i: int) -> bool:
-        """Whether limits of a coordinate of world i exclude each other."""
-        own = {name: self.problem.truth.mech.p[name][i] for name in ("lower", "upper")}
-        has = [np.array(getattr(self.problem.truth.s, name), bool) for name in own]
-        return bool((has[0] & has[1] & (own["lower"] > own["upper"])).any())
-
     def _solvable(self, p: Problem) -> list[Problem]:
         """The only world's problem, also without bouncing: alone, where friction jams what bounces."""
         either = _either(p)
@@ -233,7 +227,7 @@ class Verdicts:
         if not prove or method.end_gap or other:
             return self._set(i, UNPROVEN, status.name)
         p = self.part(np.array([i]))
-        if method.depenetration_speed is not None and not self._crosses(i):
+        if method.depenetration_speed is not None:
             return self._set(i, WRONG, f"{status.name}, but overlaps may stay")
         cache = truth.openings.setdefault((p.method.coulomb, p.dtype), {})
         if i not in cache:

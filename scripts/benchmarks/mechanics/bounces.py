@@ -21,7 +21,7 @@ def met(p: Any) -> tuple[Array, Array, Array]:
     truth, touches = p.truth, p.touches
     e = np.minimum(truth.mech.p["restitution"], 1.0) + np.zeros(touches.gap.shape)
     speed, free = (np.einsum("bpj,bj->bp", touches.normal, v) for v in (truth.v, p.drive.free))
-    closes = limited(p.method, touches.gap / truth.h[:, None]) + free
+    closes = limited(p.method.depenetration_speed, touches.gap / truth.h[:, None]) + free
     quick = -speed - RESTS * np.abs(free - speed)
     bounces = (e > 0.0) & (closes <= 0.0) & (quick > 0.0)
     moved = np.abs(truth.v) + np.abs(p.drive.free)

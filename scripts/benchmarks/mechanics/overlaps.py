@@ -6,15 +6,13 @@ from typing import Any
 import numpy as np
 
 from slcp_warp.description.kinematics import Array
-from slcp_warp.kernels.method import Method
 
 ROOM = 1e-4  # of sigma, where smoothed overlaps stay
 REACH = 1e3  # times slack, within which rows may act
 
 
-def limited(method: Method, near: Array) -> Array:
-    """What rows hold in place of d/h."""
-    speed = method.depenetration_speed
+def limited(speed: float | None, near: Array) -> Array:
+    """What rows hold in place of d/h, at a largest speed or none."""
     return near.copy() if speed is None else np.maximum(near, -speed)
 
 

@@ -31,7 +31,8 @@ class Between:
 
     def __init__(self, policy: Any, d: Disturbances, step_size: float, seed: int, quiet: bool) -> None:
         (delay, hold), self._timed = steps_of(d, step_size), d.timed
-        self._around = Around(policy, delay=delay, hold=hold, noise=d.sensor, seed=seed)
+        before = d.before if delay else None
+        self._around = Around(policy, delay=delay, hold=hold, noise=d.sensor, seed=seed, before=before)
         self._fixed = steps_of(d.fixed(), step_size)
         self._quiet, self.step_size, self.worlds = quiet, self._around.step_size, self._around.worlds
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...inputs.checks import attribute
 from ...inputs.limits import bounded, limit_rows
-from ...policies.around import Around
+from ...policies.around import Around, controls_before
 from ...stepping.arguments import at_step_size
 from ...stepping.host import acts_on_host, steps_between, told
 from ...tasks.task import Task
@@ -26,7 +26,8 @@ def nominal(policy: Any, task: Task, step_size: float) -> Any:
     Raises:
         ArgumentError: a delay or a hold of less than half a step.
     """
-    delay, hold = steps_of(task.disturbances.fixed(), step_size)
+    own = task.disturbances.fixed()
+    delay, hold = steps_of(own, step_size)
     lower, upper = limit_rows(task.control_limits, task.scene.nu)
     limits = (lower[0], upper[0]) if bounded(lower, upper) else None
     policy = observed(at_step_size(policy, step_size), task)
@@ -34,8 +35,10 @@ def nominal(policy: Any, task: Task, step_size: float) -> Any:
     if delay == 0 and hold == 1 and kept:
         return policy
     if acts_on_host(policy):
-        return HostAround(policy, limits, delay, hold, step_size)
-    return Around(policy, limits, delay, hold) if delay or hold > 1 else within(policy, limits)
+        return HostAround(policy, limits, delay, hold, step_size, own.before)
+    if delay or hold > 1:
+        return Around(policy, limits, delay, hold, before=own.before)
+    return within(policy, limits)
 
 
 def _keeps(policy: Any, limits: Any) -> bool:
@@ -64,11 +67,13 @@ def within(policy: Any, limits: Any) -> Any:
 class HostAround(OfHost):
     """`policies.Around` for a policy that acts on the host, in rollouts: a hold, a delay and limits."""
 
-    def __init__(self, policy: Any, limits: Any, delay: int, hold: int, step_size: float) -> None:
+    def __init__(
+        self, policy: Any, limits: Any, delay: int, hold: int, step_size: float, before: Any = None
+    ) -> None:
         super().__init__(policy)
         own = steps_between(policy, step_size)
         self._every = hold if hold % own == 0 else own  # what is said in between reaches no world
-        self._limits, self._delay, self._hold = limits, delay, hold
+        self._limits, self._delay, self._hold, self._before = limits, delay, hold, before
         self._h, self.period = step_size, step_size
         self._inner_begin = getattr(self, "begin", None)
         self.begin = self._begin
@@ -77,7 +82,8 @@ class HostAround(OfHost):
         if self._inner_begin is not None:
             self._inner_begin(sim, worlds)
         nothing = np.zeros((len(worlds), sim.nu))
-        self._way = deque([nothing] * self._delay)
+        before = nothing + controls_before("Disturbances.before", self._before, sim.nu)
+        self._way = deque([before] * self._delay)
         self._said = self._held = nothing
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:

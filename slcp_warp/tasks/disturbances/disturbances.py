@@ -11,7 +11,7 @@ from slcp_warp.kernels.ensembles.draws import LAWS
 from slcp_warp.kernels.structure import layout
 
 from ...description.scene import Scene
-from ...inputs.checks import instance, number, shown
+from ...inputs.checks import array, instance, number, shown
 from ...inputs.errors import ArgumentError
 from . import laws
 from .distributions import Distribution, LogNormal, Normal, Uniform, fixed_or_drawn, of
@@ -42,6 +42,8 @@ class Disturbances:
         delay: from a control to its action [s], to the nearest step; a number, or a `Uniform` of which every
             world has its own.
         hold: for how long a control is held [s], to the nearest step; 0: for one. As `delay`.
+        before: controls until the first that a policy sends acts, one for each or one number for all; None:
+            zero. Within a task's limits, as all controls.
         dropped: share of the steps, at random, in which all controls are zero.
         dropouts: times without controls.
         kick_times: when velocities are kicked [s].
@@ -58,6 +60,7 @@ class Disturbances:
     sensor: Any = 0.0
     delay: Timing = 0.0
     hold: Timing = 0.0
+    before: float | tuple[float, ...] | None = None
     dropped: float = 0.0
     dropouts: tuple[Dropout, ...] = ()
     kick_times: tuple[float, ...] = ()
@@ -74,6 +77,7 @@ class Disturbances:
             if not isinstance(drawn, float | Uniform):
                 raise ArgumentError(f"Disturbances.{name} is {shown(drawn)}; a number or a Uniform is needed")
             put(self, name, drawn)
+        self._put_before()
         put(self, "dropped", number("Disturbances.dropped", self.dropped, 0.0, 1.0))
         for name, plain in (("start", Normal), ("parameters", LogNormal), ("kicks", Normal)):
             put(self, name, self._drawn(name, plain))
@@ -100,6 +104,19 @@ class Disturbances:
             raise ArgumentError(f"Disturbances.{name} is {shown(getattr(self, name))}, but there are no "
                                 "kick_times; when velocities are kicked is needed")  # fmt: skip
 
+    def _put_before(self) -> None:
+        """Controls as numbers, which compare."""
+        if self.before is None:
+            return
+        given = array("Disturbances.before", self.before)
+        if given.ndim > 1:
+            raise ArgumentError(f"Disturbances.before has shape {given.shape}; a number or (nu,) is needed")
+        if not self.delay:
+            raise ArgumentError(
+                f"Disturbances.before is {shown(self.before)}, but there is no delay that it could act in"
+            )
+        object.__setattr__(self, "before", tuple(given.tolist()) if given.ndim else float(given))
+
     def _named(self, name: str) -> Mapping[str, Any]:
         given = instance(f"Disturbances.{name}", getattr(self, name), Mapping, "a dict of numbers by name")
         for key in given:
@@ -123,6 +140,9 @@ class Disturbances:
         for n, push in enumerate(self.pushes):
             if push.body not in bodies:
                 raise ArgumentError(f"pushes[{n}].body is {shown(push.body)}; there are {', '.join(bodies)}")
+        if self.before is not None and np.shape(self.before) not in ((), (scene.nu,)):
+            found = f"Disturbances.before has {np.size(self.before)} controls"
+            raise ArgumentError(f"{found}; scene {scene.name!r} has {scene.nu}")
         late = [("kick_times", time) for time in self.kick_times if time >= duration]
         delay = self.delay.low if isinstance(self.delay, Uniform) else self.delay
         late += [("delay", delay)] if not isinstance(delay, Distribution) and delay >= duration else []
@@ -192,7 +212,8 @@ class Disturbances:
     def fixed(self) -> "Disturbances":
         """What acts in undisturbed worlds, too: a delay and a hold that are numbers."""
         spans = {name: getattr(self, name) for name in kernels.TIMING_FIELDS}
-        return Disturbances(**{name: v for name, v in spans.items() if not isinstance(v, Distribution)})
+        own = {name: v for name, v in spans.items() if not isinstance(v, Distribution)}
+        return Disturbances(**own, before=self.before if own.get("delay") else None)
 
     def left_out(self) -> tuple[str, ...]:
         """Names of what does not act in undisturbed worlds."""

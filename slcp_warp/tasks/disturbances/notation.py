@@ -143,6 +143,7 @@ def schemas() -> dict[str, Any]:
     properties |= dict.fromkeys(DRAWN, by_name)
     properties |= {name: {"type": "array", "items": {"$ref": f"#/$defs/{kind.__name__}"}}
                    for name, kind in EVENTS.items()}  # fmt: skip
+    properties["before"] = {"anyOf": [number, {"type": "array", "items": number}]}
     properties["kick_times"] = {"type": "array", "items": number}
     properties["sensor"] = {"anyOf": [number, {"type": "object", "additionalProperties": number}]}
     event = {"start": drawn, "duration": drawn}

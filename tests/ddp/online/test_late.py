@@ -7,6 +7,7 @@ import pytest
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ddp.multistart.travel import digest_of, read_starts, write_starts
 from slcp_warp.ddp.planning import Late
 
 DELAY = 3
@@ -97,3 +98,33 @@ def test_what_is_left_of_a_linear_problem_is_solved(steady):
     best = np.linalg.lstsq(rows, rhs, rcond=None)[0]
     np.testing.assert_allclose(found.us[:, 0], np.concatenate([np.zeros(DELAY), best]), atol=1e-6)
     assert float(found.cost) == pytest.approx(0.5 * np.sum((rows @ best - rhs) ** 2), rel=1e-9)
+
+
+def test_plans_know_what_acts_before(planned):
+    """Of an arm that what acts before holds up: the plan begins where it is, and MPC's foretold states do."""
+    task, sim, options, before = planned
+    h = task.scene.step_size
+    own = task.replace(disturbances=replace(task.disturbances, delay=DELAY * h, before=(2.5,)))
+    problem = ddp.problem_of(own, sim)
+    assert problem.rest_control() == pytest.approx(np.clip(2.5, *problem.limit_rows()))
+    pushed = sim.rollout(task.start[0], np.full((DELAY, 1), problem.rest_control()[0, 0])).states[-1]
+    assert Late.of(problem, DELAY).begin(task.start[0]) == pytest.approx(pushed, abs=1e-9)
+    found = ddp.plan(own, before.best.us[None] * (np.arange(task.horizon) >= DELAY)[:, None], sim=sim,
+                     methods=("gauss-newton",), options=ddp.Options(max_iterations=3)).best  # fmt: skip
+    assert (found.us[:DELAY] == problem.rest_control()).all()
+    np.testing.assert_allclose(sim.rollout(task.start[0], found.us).states, found.xs, rtol=0, atol=1e-9)
+    mpc = ddp.MPC(problem, passes=1, lag=DELAY)
+    run = slcp.sweep(own, {"mpc": mpc}, worlds=1, cases=own.options, dtype="float64", device="cpu")
+    assert not run.part("mpc", arm="undisturbed")["status"].any()
+    np.testing.assert_allclose(mpc._way[0].path.shape, (1, DELAY + 1, sim.nx))
+
+
+def test_what_acts_before_travels_to_other_processes(planned, tmp_path):
+    task, sim, _, before = planned
+    problem = replace(ddp.problem_of(task, sim), before=(0.75,))
+    arrays, options = {"starts": before.best.us[None]}, ddp.Options()
+    write_starts(tmp_path / "starts.npz", problem, arrays, options)
+    again, _, _ = read_starts(tmp_path / "starts.npz", digest_of(problem, arrays, options))
+    np.testing.assert_array_equal(again.rest_control(), problem.rest_control())
+    with pytest.raises(slcp.ArgumentError, match="before has shape"):
+        replace(problem, before=(1.0, 2.0))

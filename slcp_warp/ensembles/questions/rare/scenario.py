@@ -18,11 +18,12 @@ def scenario_of(task: Task, numbers: Numbers, world: Worlds) -> Task | None:
     None where a task cannot say it: kicks at several times that differ.
     """
     given, own = world.numpy(), task.disturbances
-    found = Disturbances(delay=own.delay, hold=own.hold)
+    found = Disturbances(delay=own.delay, hold=own.hold, before=own.before)
     if given.timing is not None:
         delay, hold = map(float, given.timing[0, 0])
         least = 0.5 * task.scene.step_size  # what rounds to no step is none
-        found = Disturbances(delay=delay * (delay >= least), hold=hold * (hold >= least))
+        delay *= delay >= least
+        found = Disturbances(delay=delay, hold=hold * (hold >= least), before=own.before if delay else None)
     if given.kicks is not None:
         kicks = given.kicks[0]
         if len(kicks) > 1 and np.ptp(kicks, axis=0).any():
