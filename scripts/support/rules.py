@@ -101,7 +101,7 @@ class Rules:
         ]
 
     def _of_residual(self, residual: str) -> dict[str, Any]:
-        without = OF_SMOOTHED if residual == "hard" else OF_HARD
+        without: tuple[str, ...] = OF_SMOOTHED if residual == "hard" else OF_HARD
         without += NOT_OF_ERM if residual.startswith("erm") else ()
         return {rule: value for rule, value in self.given.items() if rule not in without}
 

@@ -44,8 +44,9 @@ class Starts:
             begin = f"{self.overlapping:,} of {self.worlds:,} worlds begin in overlap"
             warnings.warn(
                 f"{begin}, of {self.deepest:.2g} at most, which their first steps open at once, with speeds "
-                f"to {self.speed:.2g} a second, unless Options.depenetration_speed is less: starts that fit what "
-                "is drawn are needed (a sweep's column start_overlap says which worlds; Worlds.x0 gives starts)",
+                f"to {self.speed:.2g} a second, unless Options.depenetration_speed is less: starts that fit "
+                "what is drawn are needed (a sweep's column start_overlap says which worlds; Worlds.x0 gives "
+                "starts)",
                 RuntimeWarning,
                 stacklevel=stacklevel + 1,
             )
