@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.device.tables import make_table
-from slcp_warp.kernels.structure import RECTANGLE, RING, Layout, layout
+from slcp_warp.kernels.structure import DISC, RECTANGLE, RING, Layout, layout
 
 from .description.acting import BUILT, acting, parts_of
 from .description.columns import parameter_of, places_of, places_of_all
@@ -114,7 +114,8 @@ class Parameters(Printed):
 
         Args:
             changes: name=value, and of one part **{"box.mass": value}, a number or (B,) one a world, after
-                those of all. These are a scalar (for every component that the scene was built with), the
+                those of all, or of a part of several its own (n,) or (B, n), as `params["box.com"]` gives
+                them. These are a scalar (for every component that the scene was built with), the
                 parameter's own shape, (B, *shape), or (B, 1, ..) for a number of every world, for all
                 components; (B,) is that, too, where B is not the length of the parameter, whose components
                 they are then. A disc has one radius, twice; an axis is of unit length; lower above upper is a
@@ -252,16 +253,31 @@ class Parameters(Printed):
         if "." not in name:
             return value
         given = rules.numbers(name, value, ParameterError, parameter_of(name)[1])
-        if given.ndim > 1:
-            raise ParameterError(f"{name} has shape {given.shape}; a number, or (B,) one a world, is needed")
         places = places_of(self.scene, name, "parameters")
+        count = len(places)
+        own = count > 1 and given.ndim > 0 and given.shape[-1] == count and self._differ(name, places)
+        if given.ndim - own > 1 or (given.ndim == 2 and not own):
+            several = f", ({count},) or (B, {count})" if count > 1 else ""
+            raise ParameterError(
+                f"{name} has shape {given.shape}; a number, or (B,) one a world{several}, is needed"
+            )
+        if not own:
+            given = given[..., None]
+        worlds = given.shape[:-1]
         start, shape = self.layout.offset(parameter_of(name)[1]), self.layout.shape(parameter_of(name)[1])
-        own = (*given.shape, *shape) if whole.ndim == len(shape) else whole.shape
-        if given.ndim and own[0] != len(given):
-            raise ParameterError(f"{name} is for {len(given)} worlds, other numbers are for {own[0]}")
-        out = np.broadcast_to(whole, own).reshape(*own[: len(own) - len(shape)], -1).copy()
-        out[..., np.array(places) - start] = given[..., None]
-        return out.reshape(own)
+        all_of = (*worlds, *shape) if whole.ndim == len(shape) else whole.shape
+        if worlds and all_of[0] != worlds[0]:
+            raise ParameterError(f"{name} is for {worlds[0]} worlds, other numbers are for {all_of[0]}")
+        out = np.broadcast_to(whole, all_of).reshape(*all_of[: len(all_of) - len(shape)], -1).copy()
+        out[..., np.array(places) - start] = given
+        return out.reshape(all_of)
+
+    def _differ(self, name: str, places: Sequence[int]) -> bool:
+        """Whether a part's numbers may differ: both of a disc's radius are one."""
+        if parameter_of(name)[1] != "radius":
+            return True
+        start = self.layout.offset("radius")
+        return all(self.scene.shapes[(at - start) // 2].kind not in (DISC, RING) for at in places)
 
     def _of_parts(self, name: str, array: np.ndarray, single: bool) -> np.ndarray:
         """Numbers with the scene's own where no kernel reads one; others, given singly, are an error."""
