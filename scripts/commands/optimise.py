@@ -12,6 +12,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import METHODS, SCHEDULES, Late, delay_of, noise_scale
 from slcp_warp.inputs.checks import number
+from slcp_warp.results.overlaps import overlaps
 from slcp_warp.runs.stopping import Stop, on_signals
 
 from ..stages.plan import first_controls, optimise, outcome_table, shown_controls, task_problem, trace_table
@@ -88,6 +89,9 @@ def tell_success(task: slcp.Task, problem: ddp.Problem, x0: np.ndarray, path: Pa
         return
     assert isinstance(problem.dynamics, slcp.Simulator)
     run = simulate(problem.dynamics, problem.params, x0[None], task.steps, path, task=task)
+    deep = overlaps(run.scene, run.recorded("gap")[:, 0])
+    if deep:
+        typer.echo(f"slcp: the start overlaps: {deep}", err=True)
     table, good = judged(run, task)
     if table is not None:
         console.print(table)

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.control.cost_terms import KINDS, make_terms, make_timed_terms
+from slcp_warp.kernels.control.cost_terms import KINDS
 
-from ..costs.terms import numbers_of_term
+from ..costs.terms import SUMS, numbers_of_term
 
 TO_A_TARGET = ("square", "cosine", "absolute")  # terms that are least at it
 
@@ -14,13 +14,15 @@ TO_A_TARGET = ("square", "cosine", "absolute")  # terms that are least at it
 def goal(task: Any) -> np.ndarray | None:
     """The first start of a `Task` with every position at its term's target, the last term's of it.
 
-    Terms that end before the run does ask for nothing here. (2 nv,) with zero velocities; None where the
-    cost asks for no place, or is no sum of terms.
+    Terms that end before the run does ask for nothing here, nor do those of points. (2 nv,) with zero
+    velocities; None where the cost asks for no place, or is no sum of terms.
     """
     nv, cost = task.scene.nv, task.cost
-    if cost.make not in (make_terms, make_timed_terms) or cost.weights.ndim > 1:
+    if cost.make not in SUMS or cost.weights.ndim > 1:
         return None
-    rows = cost.weights[1:].reshape(-1, numbers_of_term(cost))
+    width = numbers_of_term(cost)
+    count = int(cost.weights[-1]) if cost.points else (len(cost.weights) - 1) // width
+    rows = cost.weights[1 : 1 + width * count].reshape(count, width)
     running = int(cost.weights[0])
     ends = [] if cost.windows is None else [end for _, end in cost.windows.spans]
     last = task.duration - task.scene.step_size

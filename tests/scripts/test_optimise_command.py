@@ -103,6 +103,12 @@ def test_a_plan_is_tried_in_its_task(tmp_path):
     assert "undisturbed, this plan is no success of the task: try more --starts" in said.output
     said = call("optimise", "push_to_mark", *given)
     assert "success   1 of 1" in said.output and "no success" not in said.output
+    assert "the start overlaps" not in said.output
+    sunk = slcp.tasks.push_to_mark()
+    start = sunk.start + np.eye(8)[sunk.scene.state_index("block.y")] * -0.02
+    slcp.save_task(sunk.replace(start=start), weak)
+    said = call("optimise", weak, *given)
+    assert "slcp: the start overlaps: " in said.output and " by 0.02" in said.output
     said = call("simulate", "push_to_mark", "--policy", out, "--device", "cpu", "--out", tmp_path / "run.npz")
     run = slcp.Trajectory.load(tmp_path / "run.npz")
     place = run.measure(slcp.tasks.push_to_mark().measures["place"])[0]

@@ -34,6 +34,18 @@ def test_the_goal_is_where_the_terms_are_least():
     assert goal[at("block.y")] == SCENE.x0[at("block.y")] and not goal[SCENE.nv :].any()
 
 
+def test_terms_of_points_leave_the_goal_of_the_others():
+    near = Term("square", 2.0, point=slcp.costs.Point("block", (0.1, 0.0)), minus=slcp.costs.Point("pusher"))
+    own = [
+        Term("square", 1.0, state="block.x", target=0.3),
+        Term("cosine", 1.0, state="block.angle", target=1.0),
+    ]
+    expected = task(own).goal()
+    for running, final in (([*own, near], ()), ([near, own[0]], [own[1], near])):
+        np.testing.assert_array_equal(task(running, final).goal(), expected)
+    assert task([near]).goal() is None
+
+
 def test_a_cost_that_asks_for_no_place_has_no_goal():
     assert task([Term("linear", -1.0, state="block.x"), Term("square", 1.0, state="block.vx")]).goal() is None
     assert task([Term("square", 0.0, state="block.x", target=1.0)]).goal() is None
