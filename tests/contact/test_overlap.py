@@ -263,7 +263,7 @@ def test_what_neither_touches_nor_hangs_together_leaves_beside_what_stays(law):
         Shape("other", "other", "disc", RADIUS),
         Shape("far", "far", "disc", RADIUS),
         Shape("post", None, "disc", RADIUS, offset=(0.8, 0.0)),
-        Shape("floor", None, "halfplane", angle=np.pi / 2, offset=(0.0, -30.0)),
+        Shape("floor", None, "halfplane", angle=np.pi / 2, offset=(0.0, -20.11)),
     )
     pairs = (("disc", "other"), ("other", "post"), ("far", "floor"), ("far", "disc"))
     bodies = tuple(Body(name, 1.0, 0.005, joint="free") for name in ("other", "far"))
