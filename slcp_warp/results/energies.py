@@ -8,8 +8,8 @@ import numpy as np
 from slcp_warp.kernels.gradients.generic.spans import TAIL
 
 from ..description.kinematics import across, joint_pose, slides, turn
-from ..inputs.arrays import to_numpy
-from ..inputs.checks import instance
+from ..inputs.arrays import kind_of, to_numpy
+from ..inputs.checks import array, instance
 from ..inputs.errors import ArgumentError
 from ..parameters import Parameters
 
@@ -49,7 +49,7 @@ def energies(states: Any, params: Parameters) -> Energies:
         ArgumentError: states of another shape, or not as many worlds.
     """
     scene = instance("params", params, Parameters, "slcp_warp.Parameters").scene
-    x = np.asarray(to_numpy(states), dtype=float)
+    x = array("states", states if kind_of(states) == "numpy" else to_numpy(states), finite=False)
     if x.shape[-1:] != (2 * scene.nv,):
         raise ArgumentError(f"states has shape {x.shape}; (..., {2 * scene.nv}) is needed")
     numbers = {name: np.asarray(params[name], float) for name in params.names}
