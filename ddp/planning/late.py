@@ -1,6 +1,6 @@
 """Plans of controls that act some steps after they are sent: what cannot be changed any more, and the rest.
 
-Before the first control acts nobody's does (`Problem.before`, zero by itself), so that the first steps follow
+Before the first control that is sent `Problem.before` acts (zero by itself), so that the first steps follow
 from the start alone. What comes after them is a problem like any other, from the state that they lead to.
 """
 

@@ -319,7 +319,10 @@ def make_island(given: type, residual: str) -> wp.Function:
             status = settle_judged(t, k, o, 0)
         if t.bounces == 1 and is_shut(t, status):
             if contact.give_up_bounces(t, k, o) == 1:
-                status = wp.where(parts > 0, open_parts(t, k, o, parts), settle_judged(t, k, o, 0))
+                if parts > 0:
+                    status = open_parts(t, k, o, parts)
+                else:
+                    status = settle_judged(t, k, o, 0)
         return status
 
     @wp.func

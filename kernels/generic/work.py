@@ -92,7 +92,7 @@ class Slot:
     mode: wp.array(dtype=wp.int32)  # of Coulomb's friction; the list of rows that are held
     known: wp.array(dtype=wp.int32)  # (pairs) 1: near
     bounce: wp.array(dtype=WORK)  # (pairs) restitution of a near pair that bounces in this step, else 0
-    stays: wp.array(dtype=wp.int32)  # (nr) by the scene's rows: 1: an overlap may stay in this step
+    stays: wp.array(dtype=wp.int32)  # (nr) by the scene's rows: the part whose overlaps stay, negative: open
     apart: wp.array(dtype=WORK)  # (nr) the gap that these have
     fixed: wp.array(dtype=wp.int32)  # (nr) not 0: what its row holds does not change with it (`overlaps.py`)
     beside: wp.array(dtype=WORK)  # (pairs) added to d/h in a try beside the data

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from differences import differences
 from random_scenes import near_contact
 
 import slcp_warp as slcp
@@ -98,6 +99,17 @@ def check(found):
     for key, error in found.items():
         assert np.isfinite(error).mean() > 0.8, key
         assert np.nanmax(error) < RELATIVE, (key, error)
+
+
+def check_jacobians(sim, x, u):
+    """A against differences, and adjoints of random weights of x' against A."""
+    A, exact = sim.linearize(x, u).A, differences(lambda x, u: sim.step(x, u).state, x, u)[..., : sim.nx]
+    error = np.abs(A - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))
+    assert error.max() < 1e-6, error
+    weight = np.zeros((len(x), 2, sim.nx))
+    weight[:, 1] = np.random.default_rng(0).standard_normal((len(x), sim.nx))
+    back = slcp.vjp(sim, x, u[:, None], weight).x0
+    np.testing.assert_allclose(back, np.einsum("bij,bi->bj", A, weight[:, 1]), rtol=1e-9, atol=1e-9)
 
 
 def smooth(traj, params):
