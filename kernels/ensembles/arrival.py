@@ -42,7 +42,8 @@ def make_span(dtype: type) -> type:
 @cached
 def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
     """arrive(c, e, params, x0, p, i, k, state) -> x: records and kicks of step k of launch's world i, which
-    come once however often they are asked for; `kernel` does it for all worlds.
+    come once however often they are asked for; `kernel` does it for all worlds, of the step that is each
+    one's next.
     """
     disturb = make_disturbances(nv, nu, dtype)
     VX, Conditions, Events = wp.types.vector(2 * nv, dtype), make_conditions(dtype), make_events(dtype)
@@ -78,7 +79,7 @@ def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
     @specialised
     def sweep_arrival_kernel(
         first: int,
-        k: int,
+        next: wp.array(dtype=wp.int32),  # (B,) steps
         c: Conditions,
         e: Events,
         params: wp.array2d(dtype=dtype),  # (B, P)
@@ -87,7 +88,7 @@ def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         state: wp.array2d(dtype=dtype),  # in and out (B, nx)
     ):
         i = first + wp.tid()
-        if k < p.steps[i]:
-            arrive(c, e, params, x0, p, i, k, state)
+        if next[i] < p.steps[i]:
+            arrive(c, e, params, x0, p, i, next[i], state)
 
     return SimpleNamespace(arrive=arrive, kernel=sweep_arrival_kernel)

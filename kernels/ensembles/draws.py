@@ -28,7 +28,7 @@ def make_columns(dtype: type) -> type:
 
 @cached
 def make_draw_kernel(dtype: type) -> wp.Kernel:
-    """Rows of worlds `world0 + i`."""
+    """Rows of worlds `world0 + i`, or of those that have numbers of their own."""
     rng = make_normal(dtype)
     Columns = make_columns(dtype)
 
@@ -36,12 +36,15 @@ def make_draw_kernel(dtype: type) -> wp.Kernel:
     def draw_kernel(
         first: int,
         world0: int,
+        number: wp.array(dtype=wp.int32),  # (0 or B,) of the worlds
         d: Columns,
         pick: wp.array(dtype=wp.int32),  # (0 or B,) rows of the base; without: the first
         out: wp.array2d(dtype=dtype),  # (B, C)
     ):
         i = first + wp.tid()
         world = world0 + i
+        if number.shape[0] > 0:
+            world = number[i]
         row = int(0)
         if pick.shape[0] > 0:
             row = pick[i]
@@ -81,10 +84,20 @@ def make_corners_kernel(dtype: type) -> wp.Kernel:
 
 
 @specialised
-def pick_kernel(first: int, world0: int, seed: int, starts: int, pick: wp.array(dtype=wp.int32)):
-    """Which start worlds `world0 + i` begin near."""
+def pick_kernel(
+    first: int,
+    world0: int,
+    number: wp.array(dtype=wp.int32),  # (0 or B,)
+    seed: int,
+    starts: int,
+    pick: wp.array(dtype=wp.int32),  # out (B,)
+):
+    """Which start worlds `world0 + i` begin near, or those that have numbers of their own."""
     i = first + wp.tid()
+    world = world0 + i
+    if number.shape[0] > 0:
+        world = number[i]
     zero = wp.uint64(0)
     key = wp.uint64(seed) & wp.uint64(0xFFFFFFFF)
-    word = philox(wp.uint64(world0 + i), zero, wp.uint64(wp.static(CHOICE)), zero, key, zero)
+    word = philox(wp.uint64(world), zero, wp.uint64(wp.static(CHOICE)), zero, key, zero)
     pick[i] = int(word[0] % wp.uint64(starts))

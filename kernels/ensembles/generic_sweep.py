@@ -92,8 +92,9 @@ def make_generic_sweep_kernel(
     def generic_sweep_kernel(
         first: int,
         base: int,
-        since: int,  # steps of the launch, where it is one of several
-        until: int,
+        last: int,
+        most: int,  # steps of the launch, where it is one of several: up to `last`, from each world's next on
+        next: wp.array(dtype=wp.int32),  # (0 or B,)
         t: Topology,
         work: Work,
         impulse: wp.array2d(dtype=wp.float64),  # (0 or slots, pairs) where contacts are looked at
@@ -133,9 +134,9 @@ def make_generic_sweep_kernel(
         one.step.prepare(t, k, params, i)
         if spans:
             steps = span.p.steps[i]
-            begin = since
-            end = wp.min(until, steps)
-            if begin >= steps:
+            begin = next[i]
+            end = wp.min(wp.min(begin + most, last), steps)
+            if begin >= end:
                 return
             code = span.p.status[i]
             record = span.p.record[i]
@@ -183,6 +184,7 @@ def make_generic_sweep_kernel(
             asked.keep(span.memory, i, memory)
             leave(t, k, span, i, x, code, record, event)
             span.p.steps[i] = steps
+            next[i] = end
             if end < steps:
                 return
         measures.look(m, kept, i, wp.float64(steps) * h, h, x, u, touching, 1)

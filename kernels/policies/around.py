@@ -148,13 +148,13 @@ def make_noise_kernel(nx: int, dtype: type) -> wp.Kernel:
 
 @cached
 def make_sensor_kernel(dtype: type) -> wp.Kernel:
-    """What a noisy sensor shows of states in step k."""
+    """What a noisy sensor shows of states in the step that is each world's next."""
     normal = make_normal(dtype).normal
 
     @specialised
     def sensor_kernel(
         first: int,
-        k: int,
+        next: wp.array(dtype=wp.int32),  # (B,) steps
         seed: int,
         number: wp.array(dtype=wp.int32),  # (B,) of the worlds
         noise: wp.array(dtype=dtype),  # (nx,) standard deviations
@@ -163,6 +163,6 @@ def make_sensor_kernel(dtype: type) -> wp.Kernel:
     ):
         i = first + wp.tid()
         for j in range(noise.shape[0]):
-            seen[i, j] = state[i, j] + noise[j] * normal(seed, number[i], k, OF_TASK + j)
+            seen[i, j] = state[i, j] + noise[j] * normal(seed, number[i], next[i], OF_TASK + j)
 
     return sensor_kernel

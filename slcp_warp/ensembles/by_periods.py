@@ -29,7 +29,8 @@ class OnHost:
     """A policy on the host in one chunk of a sweep.
 
     Attributes:
-        kernel, struct: the policy that holds its controls, as the sweep's kernels ask it.
+        held: its last controls.
+        kernel, struct: the policy that holds them, as the sweep's kernels ask it.
         every: steps between two questions.
     """
 
@@ -41,21 +42,28 @@ class OnHost:
         self._asked = Asked(policy, sim, self._numbers, h)
         self._conditions, self._worlds, self._sim = conditions, worlds, sim
         self._arrival = make_arrival(sim.scene.nv, sim.nu, sim.dtype).kernel
-        self.every, self._held = self._asked.every, Held(sim, len(worlds))
+        self.every, self.held = self._asked.every, Held(sim, len(worlds))
         self._between = policy if isinstance(policy, HostBetween) else None
-        around = self._held if self._between is None else self._between.around(self._held)
+        around = self.held if self._between is None else self._between.around(self.held)
         if self._between is not None and self._between.hold % self.every == 0:
             self.every = self._between.hold  # what it says in between reaches no world
         self.kernel, self.struct = around.kernel(sim)
 
-    def ask(self, k: int, events: Any, p: Progress, state: wp.array) -> None:
-        """Controls of step k, where they are due, of states as the policy meets them: after kicks."""
+    def meet(self, events: Any, span: Any, next: wp.array) -> wp.array:
+        """The states (B, nx) as a policy meets them before the step that is each world's next (B,): after
+        kicks, through the task's sensor.
+        """
+        worlds, sim = self._worlds, self._sim
+        inputs = [next, self._conditions, events, worlds.params, worlds.x0, span.p, span.state]
+        launch(self._arrival, len(next), inputs, sim.device)
+        if self._between is None:
+            return span.state
+        return self._between.seen(sim, next, self._numbers, span.state)
+
+    def ask(self, k: int, running: "Running") -> None:
+        """Controls of step k, where they are due."""
         if k % self.every == 0 and self._asked.nu:
-            inputs = [k, self._conditions, events, self._worlds.params, self._worlds.x0, p, state]
-            launch(self._arrival, len(state), inputs, self._sim.device)
-            if self._between is not None:
-                state = self._between.seen(self._sim, k, self._numbers, state)
-            self._held.us.assign(self._asked.controls(k, state.numpy()))
+            self.held.us.assign(self._asked.controls(k, running.meet().numpy()))
 
 
 class Held:
@@ -71,6 +79,43 @@ class Held:
         return HELD, struct
 
 
+class Running:
+    """Worlds under a policy on the host, between two launches.
+
+    Attributes:
+        kept: of the measures (B, M, WIDTH).
+        span: what worlds carry over.
+        next: (B,) step of each.
+    """
+
+    def __init__(
+        self,
+        sim: Simulator,
+        policy: OnHost,
+        conditions: Any,
+        table: MeasureTable,
+        worlds: Worlds,
+        records: wp.array,
+        noted: wp.array,
+    ) -> None:
+        self._sim, self._policy, self._table = sim, policy, table
+        self.kept, self.events = table.kept(len(worlds), sim.device), events_of(sim, worlds)
+        self.span = span_of(sim, policy.kernel, conditions, worlds, wp.clone(worlds.x0), records)
+        self.next: wp.array = wp.zeros(len(worlds), dtype=wp.int32, device=sim.device)
+        self._inputs = [conditions, self.events, worlds.params, worlds.x0, policy.struct, table.struct(sim)]
+        self._inputs += [self.span, records, self.kept, noted, self.span.p.status]
+
+    def meet(self) -> wp.array:
+        """The states (B, nx) as the policy meets them."""
+        return self._policy.meet(self.events, self.span, self.next)
+
+    def go(self, last: int) -> None:
+        """The steps between two questions to the policy, of those before `last`."""
+        period = Period(last, self._policy.every, self.next)
+        grain = max(1, 128 // self._policy.every)
+        run_worlds(self._sim, self._policy.kernel, self._table, self._inputs, grain, period)
+
+
 def by_periods(
     sim: Simulator,
     policy: OnHost,
@@ -81,17 +126,12 @@ def by_periods(
     noted: wp.array,
 ) -> tuple[wp.array, wp.array]:
     """As `launch.at_once`."""
-    count, params, state, device = len(worlds), worlds.params, wp.clone(worlds.x0), sim.device
-    kept, measures, events = table.kept(count, device), table.struct(sim), events_of(sim, worlds)
-    span = span_of(sim, policy.kernel, conditions, worlds, state, records)
-    period = Period(0, policy.every, wp.zeros(count, dtype=wp.int32, device=device))
-    steps = int(span.p.steps.numpy().max(initial=0))
+    running = Running(sim, policy, conditions, table, worlds, records, noted)
+    steps = int(running.span.p.steps.numpy().max(initial=0))
     for k in range(0, steps, policy.every):
-        policy.ask(k, events, span.p, state)
-        inputs = [conditions, events, params, worlds.x0, policy.struct, measures, span, records, kept]
-        inputs, period = [*inputs, noted, span.p.status], period._replace(first=k)
-        run_worlds(sim, policy.kernel, table, inputs, max(1, 128 // policy.every), period)
-    return kept, span.p.status
+        policy.ask(k, running)
+        running.go(k + policy.every)
+    return running.kept, running.span.p.status
 
 
 def handed_on(

@@ -16,10 +16,10 @@ from ..stepping.generic import GenericKernels
 
 
 class Period(NamedTuple):
-    """The steps of one launch of several: from `first` on, so many; `next` (B,), of every world."""
+    """The steps of one launch of several: from each world's `next` (B,) on, so many, before `last`."""
 
-    first: int
-    steps: int
+    last: int
+    most: int
     next: wp.array
 
 
@@ -50,16 +50,16 @@ def run_worlds(
         period: where the launch is one of several.
     """
     worlds, stepping = len(inputs[3]), sim.kernels.stepping
-    steps = (0, 0) if period is None else (period.first, period.first + period.steps)
+    last, most = (0, 0) if period is None else period[:2]
     kernel = sweep_kernel(sim, policy, table, spans=period is not None)
     if isinstance(stepping, GenericKernels):
         slots = min(worlds, stepping.chunk) if table.looks_at_contacts else 0
         shape = slots, len(sim.scene.structure.pairs)
         contacts = [wp.zeros(shape, dtype=wp.float64, device=sim.device) for _ in range(2)]
-        stepping.launch(kernel, worlds, [*steps], [*contacts, *inputs], grain)
+        next: wp.array = wp.zeros(0, dtype=wp.int32, device=sim.device) if period is None else period.next
+        stepping.launch(kernel, worlds, [last, most, next], [*contacts, *inputs], grain)
         return
     relay = Relay()
     if period is not None:
         relay.next = period.next
-    most = 0 if period is None else period.steps
-    launch(kernel, worlds, [0, steps[1], most, relay, *inputs], sim.device, grain=grain)
+    launch(kernel, worlds, [0, last, most, relay, *inputs], sim.device, grain=grain)

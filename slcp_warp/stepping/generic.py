@@ -92,7 +92,7 @@ class GenericKernels:
         self.curves = Workspaces(lambda n: hessian.allocate_curves(s, n, device), size, device)
         self.rooms = Workspaces(lambda n: room.allocate_room(s, n, device), room.bytes_per_world(s), device)
 
-    def launch(self, kernel: wp.Kernel, worlds: int, flags: list[int], arrays: list[Any], grain: int) -> None:
+    def launch(self, kernel: wp.Kernel, worlds: int, flags: list[Any], arrays: list[Any], grain: int) -> None:
         """A kernel over worlds, chunk by chunk: its arguments are the chunk's first world, `flags`, the
         tables, a workspace and `arrays`.
         """

@@ -111,8 +111,8 @@ class HostBetween(OfHost):
         d, step_size, seed, quiet = self._given
         return Between(held, replace(d, sensor=0.0), step_size, seed, quiet)
 
-    def seen(self, sim: Simulator, k: int, numbers: np.ndarray, state: wp.array) -> wp.array:
-        """What the sensor shows of states in step k."""
+    def seen(self, sim: Simulator, next: wp.array, numbers: np.ndarray, state: wp.array) -> wp.array:
+        """What the sensor shows of states in the step that is each world's next."""
         d, _, seed, quiet = self._given
         if quiet:
             return state
@@ -121,7 +121,7 @@ class HostBetween(OfHost):
             Around(None, noise=d.sensor).deviations(sim), dtype=sim.dtype, device=sim.device
         )
         number: wp.array = wp.array(numbers, dtype=wp.int32, device=sim.device)
-        inputs = [k, seed, number, noise, state, out]
+        inputs = [next, seed, number, noise, state, out]
         launch(make_sensor_kernel(sim.dtype), len(state), inputs, sim.device)
         return out
 

@@ -2,7 +2,7 @@
 
 import functools
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -27,6 +27,14 @@ from .corners import columns_of_corners, with_corners_within
 MOST = float(np.finfo(np.float32).max)
 
 
+class Which(NamedTuple):
+    """The worlds world0, world0 + 1, ..., so many, or those that have the numbers `number` (0 or count,)."""
+
+    world0: int
+    count: int
+    number: wp.array
+
+
 class Columns:
     """The columns of a table on a device."""
 
@@ -47,15 +55,16 @@ class Columns:
         out.address = wp.array(np.array(address), dtype=wp.int32, device=self.device)
         return out
 
-    def draw(self, world0: int, count: int, pick: wp.array, *shape: int) -> wp.array:
-        """Rows of worlds world0, world0 + 1, ..., (count, *shape)."""
-        width = len(self.laws.law)
+    def draw(self, which: Which, pick: wp.array, *shape: int) -> wp.array:
+        """Rows of worlds, (B, *shape)."""
+        size = which.count, len(self.laws.law)
         if shape:
-            out: wp.array = wp.zeros((count, width), dtype=self.dtype, device=self.device)
+            out: wp.array = wp.zeros(size, dtype=self.dtype, device=self.device)
         else:
-            out = empty_table((count, width), self.dtype, self.device)
-        launch(make_draw_kernel(self.dtype), count, [world0, self._struct, pick, out], self.device)
-        return out.reshape((count, *shape)) if shape else out
+            out = empty_table(size, self.dtype, self.device)
+        inputs = [which.world0, which.number, self._struct, pick, out]
+        launch(make_draw_kernel(self.dtype), which.count, inputs, self.device)
+        return out.reshape((which.count, *shape)) if shape else out
 
 
 class Draws:
@@ -105,32 +114,46 @@ class Draws:
         self.numbers = d.numbers(scene.nv)
         self.told = [self._params, self._x0, *self._events]
 
-    def _pick(self, world0: int, count: int) -> wp.array:
+    def _pick(self, which: Which) -> wp.array:
         """Rows of the starts; none where there is one only."""
+        world0, count, number = which
         pick: wp.array = wp.zeros(count if self.starts > 1 else 0, dtype=wp.int32, device=self.sim.device)
         if self.in_order and self.starts > 1:
-            pick.assign((world0 + np.arange(count)) % self.starts)
+            numbers = number.numpy() if len(number) else world0 + np.arange(count)
+            pick.assign(numbers % self.starts)
         elif self.starts > 1:
-            launch(pick_kernel, count, [world0, self.seed, self.starts, pick], self.sim.device)
+            inputs = [world0, number, self.seed, self.starts, pick]
+            launch(pick_kernel, count, inputs, self.sim.device)
         return pick
+
+    def _none(self) -> wp.array:
+        return wp.zeros(0, dtype=wp.int32, device=self.sim.device)
 
     def worlds(self, world0: int, count: int) -> Worlds:
         """Worlds world0, world0 + 1, ... on the simulator's device."""
-        none: wp.array = wp.zeros(0, dtype=wp.int32, device=self.sim.device)
+        return self._drawn(Which(world0, count, self._none()))
+
+    def of_numbers(self, numbers: np.ndarray) -> Worlds:
+        """The worlds of these numbers (B,), on the simulator's device."""
+        own: wp.array = wp.array(numbers, dtype=wp.int32, device=self.sim.device)
+        return replace(self._drawn(Which(0, len(numbers), own)), numbers=own)
+
+    def _drawn(self, which: Which) -> Worlds:
+        none, count = self._none(), which.count
         widths = self.sim.nx // 2, len(PUSH_FIELDS), len(DROPOUT_FIELDS), len(TIMING_FIELDS)
-        events = [_some(each, world0, count, none, width) for each, width in zip(self._events, widths)]
-        params = self._params.draw(world0, count, none)
+        events = [_some(each, which, none, width) for each, width in zip(self._events, widths)]
+        params = self._params.draw(which, none)
         if len(self._corners):
             columns: wp.array = wp.array(self._corners, dtype=wp.int32, device=self.sim.device)
             launch(make_corners_kernel(self.sim.dtype), count, [columns, params], self.sim.device)
-        return Worlds(self._x0.draw(world0, count, self._pick(world0, count)), params, *events)
+        return Worlds(self._x0.draw(which, self._pick(which)), params, *events)
 
     def columns(self, worlds: Worlds, world0: int) -> dict[str, np.ndarray]:
         """What was drawn of worlds world0, ..., by the name of its column: "drawn_block.mass", ..."""
         out: dict[str, np.ndarray] = {}
         tables = worlds.params, worlds.x0, worlds.kicks, worlds.pushes, worlds.dropouts, worlds.timing
         if self._x0 in self.told and self.starts > 1 and not self.in_order:
-            out["drawn_start"] = self._pick(world0, len(worlds)).numpy()
+            out["drawn_start"] = self._pick(Which(world0, len(worlds), self._none())).numpy()
         for each, table in zip((self._params, self._x0, *self._events), tables):
             if each in self.told and len(each.laws.varied):
                 columns = zip(each.laws.varied, read_columns(table, each.laws.varied))
@@ -138,9 +161,9 @@ class Draws:
         return out
 
 
-def _some(columns: Columns, world0: int, count: int, pick: wp.array, width: int) -> wp.array | None:
+def _some(columns: Columns, which: Which, pick: wp.array, width: int) -> wp.array | None:
     rows = len(columns.laws.law) // width
-    return columns.draw(world0, count, pick, rows, width) if rows else None
+    return columns.draw(which, pick, rows, width) if rows else None
 
 
 def draws_of_task(
