@@ -16,6 +16,7 @@ from .description.mjcf import MjcfError, load_mjcf, mjcf_control_limits
 from .description.parts import Actuator, Body, Contact, Shape, Spring, Tendon, box, touching
 from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
+from .ensembles.episodes import Environment
 from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
 from .ensembles.questions.rare.failure import FailureShare, failure_share
@@ -57,6 +58,7 @@ __all__ = [
     "Disturbances",
     "Dropout",
     "Energies",
+    "Environment",
     "InputError",
     "FailureShare",
     "Falsification",

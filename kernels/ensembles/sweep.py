@@ -176,7 +176,9 @@ def make_sweep_kernel(
             span.p.steps[i] = steps
             relay.next[i] = end
             if end < steps:
-                if end < last:
+                if (
+                    end < last and relay.queue.shape[0] > 0
+                ):  # without a queue nobody waits for the next launch
                     hand_on(relay, slot, i)
                 return
         measures.look(m, kept, i, wp.float64(steps) * h, h, x, u, touching, 1)

@@ -1,12 +1,13 @@
 """A sweep's worlds in several launches: by periods of a policy, or handed on between specialised kernels."""
 
+import functools
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.contact.problem import COLD
-from slcp_warp.kernels.device.launch import Prepared, launch
+from slcp_warp.kernels.device.launch import Prepared
 from slcp_warp.kernels.device.relay import Run
 from slcp_warp.kernels.ensembles.arrival import Progress, make_arrival, make_span
 from slcp_warp.kernels.ensembles.asking import make_sweep_ask_kernel
@@ -18,7 +19,7 @@ from slcp_warp.kernels.structure import STEP_SIZE
 from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.host import Asked
-from .run_worlds import Period, run_worlds
+from .run_worlds import RunWorlds
 from .worlds import Worlds
 from .worlds.between import HostBetween
 from .worlds.columns import read_columns
@@ -35,13 +36,11 @@ class OnHost:
     """
 
     def __init__(self, sim: Simulator, policy: Any, conditions: Any, worlds: Worlds) -> None:
-        self._numbers = conditions.world0 + np.arange(len(worlds))
+        numbers = conditions.world0 + np.arange(len(worlds))
         if worlds.numbers is not None:
-            self._numbers = worlds.numbers.numpy().copy()
+            numbers = worlds.numbers.numpy().copy()
         (h,) = read_columns(worlds.params, [STEP_SIZE])
-        self._asked = Asked(policy, sim, self._numbers, h)
-        self._conditions, self._worlds, self._sim = conditions, worlds, sim
-        self._arrival = make_arrival(sim.scene.nv, sim.nu, sim.dtype).kernel
+        self._asked, self._worlds, self._sim = Asked(policy, sim, numbers, h), worlds, sim
         self.every, self.held = self._asked.every, Held(sim, len(worlds))
         self._between = policy if isinstance(policy, HostBetween) else None
         around = self.held if self._between is None else self._between.around(self.held)
@@ -49,16 +48,16 @@ class OnHost:
             self.every = self._between.hold  # what it says in between reaches no world
         self.kernel, self.struct = around.kernel(sim)
 
-    def meet(self, events: Any, span: Any, next: wp.array) -> wp.array:
-        """The states (B, nx) as a policy meets them before the step that is each world's next (B,): after
-        kicks, through the task's sensor.
+    def sensor(self, next: wp.array, state: wp.array) -> tuple[Prepared | None, wp.array]:
+        """A launch that shows states before the step that is each world's next, and where; None: the states
+        themselves.
         """
-        worlds, sim = self._worlds, self._sim
-        inputs = [next, self._conditions, events, worlds.params, worlds.x0, span.p, span.state]
-        launch(self._arrival, len(next), inputs, sim.device)
+        numbers = self._worlds.numbers
+        if numbers is None:
+            numbers = wp.array(self._asked.worlds, dtype=wp.int32, device=self._sim.device)
         if self._between is None:
-            return span.state
-        return self._between.seen(sim, next, self._numbers, span.state)
+            return None, state
+        return self._between.sensor(self._sim, next, numbers, state)
 
     def ask(self, k: int, running: "Running") -> None:
         """Controls of step k, where they are due."""
@@ -98,22 +97,37 @@ class Running:
         records: wp.array,
         noted: wp.array,
     ) -> None:
-        self._sim, self._policy, self._table = sim, policy, table
+        self._sim, self._policy, self._conditions, self._worlds = sim, policy, conditions, worlds
         self.kept, self.events = table.kept(len(worlds), sim.device), events_of(sim, worlds)
         self.span = span_of(sim, policy.kernel, conditions, worlds, wp.clone(worlds.x0), records)
         self.next: wp.array = wp.zeros(len(worlds), dtype=wp.int32, device=sim.device)
-        self._inputs = [conditions, self.events, worlds.params, worlds.x0, policy.struct, table.struct(sim)]
-        self._inputs += [self.span, records, self.kept, noted, self.span.p.status]
+        inputs = [conditions, self.events, worlds.params, worlds.x0, policy.struct, table.struct(sim)]
+        inputs += [self.span, records, self.kept, noted, self.span.p.status]
+        grain = max(1, 128 // policy.every)
+        self._run = RunWorlds(sim, policy.kernel, table, inputs, grain, self.next, policy.every)
+
+    @functools.cached_property
+    def _meeting(self) -> tuple[list[Prepared], wp.array]:
+        """The launches that show a policy the states, and where."""
+        sim, own, span = self._sim, self._worlds, self.span
+        inputs = [self.next, self._conditions, self.events, own.params, own.x0, span.p, span.state]
+        arrival = make_arrival(sim.scene.nv, sim.nu, sim.dtype).kernel
+        sensor, shown = self._policy.sensor(self.next, span.state)
+        arrive = Prepared(arrival, len(own), inputs, sim.device)
+        return [arrive] if sensor is None else [arrive, sensor], shown
 
     def meet(self) -> wp.array:
-        """The states (B, nx) as the policy meets them."""
-        return self._policy.meet(self.events, self.span, self.next)
+        """The states (B, nx) as a policy meets them before each world's next step: after kicks, through the
+        task's sensor.
+        """
+        launches, shown = self._meeting
+        for each in launches:
+            each()
+        return shown
 
     def go(self, last: int) -> None:
         """The steps between two questions to the policy, of those before `last`."""
-        period = Period(last, self._policy.every, self.next)
-        grain = max(1, 128 // self._policy.every)
-        run_worlds(self._sim, self._policy.kernel, self._table, self._inputs, grain, period)
+        self._run(last)
 
 
 def by_periods(

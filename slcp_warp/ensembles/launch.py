@@ -24,7 +24,7 @@ from ..stepping.host import acts_on_host
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import RECORDED
 from .by_periods import OnHost, by_periods, handed_on
-from .run_worlds import run_worlds, sweep_kernel
+from .run_worlds import RunWorlds, sweep_kernel
 from .worlds import Worlds
 from .worlds.between import counted_in_steps
 from .worlds.columns import read_columns
@@ -92,6 +92,7 @@ class Case:
 
     Attributes:
         chunk: worlds of a launch.
+        conditions: what all of them go through, as kernels take it.
         records: (S, R) of a world.
     """
 
@@ -122,9 +123,9 @@ class Case:
         self.roll_out = _road(sim, policy)
         fit = worlds_at_once(sim, self.records, len(measures), draws.numbers)
         self.chunk = chunk or min(worlds, fit)
-        self._conditions = _conditions(sim, draws.disturbances, limits, record)
-        self._conditions.seed, self._conditions.duration = seed, duration
-        self._conditions.step = step_size
+        self.conditions = _conditions(sim, draws.disturbances, limits, record)
+        self.conditions.seed, self.conditions.duration, self.conditions.world0 = seed, duration, 0
+        self.conditions.step = step_size
         cost = (
             None if cost is None or not priced(measures) else cost.in_steps_of(step_size, sim.scene.step_size)
         )
@@ -146,14 +147,14 @@ class Case:
         """
         worlds = self.draws.worlds(world0, count)
         records: wp.array = wp.zeros((count, *self.records), dtype=wp.float32, device=self.sim.device)
-        self._conditions.world0 = world0
+        self.conditions.world0 = world0
         policy = self.policy
         if self._timed is not None or self._counted:  # no world makes steps of another size
             self._check_sizes(np.ravel(read_columns(worlds.params, [STEP_SIZE])))
         if not isinstance(policy, tuple):
-            policy = OnHost(self.sim, policy, self._conditions, worlds)
+            policy = OnHost(self.sim, policy, self.conditions, worlds)
         noted = nothing_noted(self.sim, count)
-        kept, status = self.roll_out(self.sim, policy, self._conditions, self.table, worlds, records, noted)
+        kept, status = self.roll_out(self.sim, policy, self.conditions, self.table, worlds, records, noted)
         seen = noted.numpy()
         found = {
             "records": records.numpy().copy(),
@@ -168,7 +169,7 @@ class Case:
         """Raise ArgumentError for step sizes of worlds that a plan, or what is counted in steps, has not."""
         if self._timed is not None:
             at_step_size(self._timed, sizes)
-        step = self._conditions.step
+        step = self.conditions.step
         if self._counted and not np.allclose(sizes, step, rtol=1e-6, atol=0.0):
             raise ArgumentError(
                 f"{' and '.join(self._counted)} count in steps of {step:g} s; the worlds make steps of "
@@ -224,7 +225,7 @@ def at_once(
     status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
     events, measured = events_of(sim, worlds), table.struct(sim)
     inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, make_span(sim.dtype)()]
-    run_worlds(sim, policy_kernel, table, [*inputs, records, kept, noted, status], 1)
+    RunWorlds(sim, policy_kernel, table, [*inputs, records, kept, noted, status], 1)()
     return kept, status
 
 

@@ -133,7 +133,8 @@ class TaskSweep:
         """The rows of worlds world0, world0 + 1, ... of a part, as `run` gives them."""
         found = self.found(part, world0, count)
         recorded = self.record.columns(self.task.scene, found["records"])
-        return _columns(self.task, self._judged, found, world0) | recorded
+        numbers = np.arange(world0, world0 + len(found["status"]))
+        return columns_of(self.task, self._judged, found, numbers) | recorded
 
     def found(self, part: Part, world0: int, count: int) -> dict[str, np.ndarray]:
         """What `Case.launch` leaves of worlds world0, world0 + 1, ... of a part."""
@@ -250,10 +251,10 @@ def _step_sizes(task: Task, given: Any, worlds: Worlds | None) -> tuple[float, .
     return sizes
 
 
-def _columns(
-    task: Task, judged: list[Measure], found: dict[str, np.ndarray], world0: int
+def columns_of(
+    task: Task, judged: list[Measure], found: dict[str, np.ndarray], numbers: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Index, what was drawn, measures, success and status of worlds world0, world0 + 1, ..."""
+    """Number (B,), what was drawn, measures, success and status of worlds, from what `Case.launch` found."""
     values = found["measures"]
     own = {measure: values[:, j] for j, measure in enumerate(judged)}
     solved = found["status"] == Status.SOLVED
@@ -264,7 +265,7 @@ def _columns(
     columns = {name: array for name, array in found.items() if name.startswith("drawn_")}
     columns |= {name: np.where(solved, values[:, j], np.nan) for j, name in enumerate(task.measures)}
     return {
-        "world": np.arange(world0, world0 + len(solved)),
+        "world": numbers,
         **columns,
         **ended,
         **{name: found[name] for name in NOTED},

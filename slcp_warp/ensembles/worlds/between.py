@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.device.launch import Prepared
 from slcp_warp.kernels.policies.around import OF_TASK, make_sensor_kernel
 from slcp_warp.kernels.policies.contract import PolicyKernel
 
@@ -111,19 +111,21 @@ class HostBetween(OfHost):
         d, step_size, seed, quiet = self._given
         return Between(held, replace(d, sensor=0.0), step_size, seed, quiet)
 
-    def seen(self, sim: Simulator, next: wp.array, numbers: np.ndarray, state: wp.array) -> wp.array:
-        """What the sensor shows of states in the step that is each world's next."""
+    def sensor(
+        self, sim: Simulator, next: wp.array, numbers: wp.array, state: wp.array
+    ) -> tuple[Prepared | None, wp.array]:
+        """A launch that shows states (B, nx) through the sensor, in the step that is each world's next, and
+        where; None: the states themselves.
+        """
         d, _, seed, quiet = self._given
         if quiet:
-            return state
+            return None, state
         out = wp.empty_like(state)
         noise: wp.array = wp.array(
             Around(None, noise=d.sensor).deviations(sim), dtype=sim.dtype, device=sim.device
         )
-        number: wp.array = wp.array(numbers, dtype=wp.int32, device=sim.device)
-        inputs = [next, seed, number, noise, state, out]
-        launch(make_sensor_kernel(sim.dtype), len(state), inputs, sim.device)
-        return out
+        inputs = [next, seed, numbers, noise, state, out]
+        return Prepared(make_sensor_kernel(sim.dtype), len(state), inputs, sim.device), out
 
 
 def counted_in_steps(d: Disturbances) -> list[str]:

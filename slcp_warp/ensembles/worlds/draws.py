@@ -28,10 +28,10 @@ MOST = float(np.finfo(np.float32).max)
 
 
 class Which(NamedTuple):
-    """The worlds world0, world0 + 1, ..., so many, or those that have the numbers `number` (0 or count,)."""
+    """The worlds world0, world0 + 1, ..., so many, or those that have the numbers `number` (0 or worlds,)."""
 
     world0: int
-    count: int
+    worlds: int
     number: wp.array
 
 
@@ -57,14 +57,14 @@ class Columns:
 
     def draw(self, which: Which, pick: wp.array, *shape: int) -> wp.array:
         """Rows of worlds, (B, *shape)."""
-        size = which.count, len(self.laws.law)
+        size = which.worlds, len(self.laws.law)
         if shape:
             out: wp.array = wp.zeros(size, dtype=self.dtype, device=self.device)
         else:
             out = empty_table(size, self.dtype, self.device)
         inputs = [which.world0, which.number, self._struct, pick, out]
-        launch(make_draw_kernel(self.dtype), which.count, inputs, self.device)
-        return out.reshape((which.count, *shape)) if shape else out
+        launch(make_draw_kernel(self.dtype), which.worlds, inputs, self.device)
+        return out.reshape((which.worlds, *shape)) if shape else out
 
 
 class Draws:
@@ -139,7 +139,7 @@ class Draws:
         return replace(self._drawn(Which(0, len(numbers), own)), numbers=own)
 
     def _drawn(self, which: Which) -> Worlds:
-        none, count = self._none(), which.count
+        none, count = self._none(), which.worlds
         widths = self.sim.nx // 2, len(PUSH_FIELDS), len(DROPOUT_FIELDS), len(TIMING_FIELDS)
         events = [_some(each, which, none, width) for each, width in zip(self._events, widths)]
         params = self._params.draw(which, none)
