@@ -58,6 +58,7 @@ def make_events(dtype: type) -> type:
         dropout: wp.array3d(dtype=wp.float64)  # (B, D, 2), see DROPOUT_FIELDS
         timing: wp.array3d(dtype=wp.float64)  # (0 or B, 1, 2), see TIMING_FIELDS
         external: wp.array2d(dtype=dtype)  # (0 or B, 3 nb), where pushes write the forces of a step
+        told: wp.array3d(dtype=dtype)  # (0 or B, N, nx + nu + 3 nb) out: state, controls and forces of steps
 
     return Events
 
@@ -71,6 +72,7 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
     from the first that is still to come. kicked(e, i, event, x): a state after a kick.
     acting(c, e, i, world, k, time, h, u): controls of step k as they act: within limits, with noise, dropped.
     push(c, e, i, params, x, time, h): writes the forces of a step into e.external.
+    tell(e, i, k, x, u): notes what step k begins from, where that is asked for.
     record(c, records, i, record, time, h, x, x0): writes the records of launch's world i up to `time`, what
     components of x are beyond the start in row i of x0, and gives the first that is still to come.
     """
@@ -169,6 +171,16 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
                 e.external[i, 3 * body + 2] = e.external[i, 3 * body + 2] + torque
 
     @wp.func
+    def tell(e: Events, i: int, k: int, x: VX, u: VU):
+        if k < e.told.shape[1]:
+            for j in range(2 * nv):
+                e.told[i, k, j] = x[j]
+            for j in range(nu):
+                e.told[i, k, 2 * nv + j] = u[j]
+            for j in range(e.external.shape[1]):
+                e.told[i, k, 2 * nv + nu + j] = e.external[i, j]
+
+    @wp.func
     def record(
         c: Conditions,
         records: wp.array3d(dtype=wp.float32),
@@ -187,5 +199,6 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         return out
 
     return SimpleNamespace(
-        seconds=seconds, number=number, due=due, kicked=kicked, acting=acting, push=push, record=record
-    )
+        seconds=seconds, number=number, due=due, kicked=kicked, acting=acting, push=push, tell=tell,
+        record=record,
+    )  # fmt: skip

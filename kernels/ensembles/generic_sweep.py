@@ -162,6 +162,7 @@ def make_generic_sweep_kernel(
                 u = disturb.acting(c, e, i, number, n, time, h, u)
                 if e.push.shape[1] > 0:
                     disturb.push(c, e, i, params[i], x, time, h)
+                disturb.tell(e, i, n, x, u)
                 one.put(t, k, x)
                 code = one.advance(t, k, e.external, i, u)
                 if n == 0 and code != wp.static(NONFINITE):

@@ -145,6 +145,7 @@ def make_sweep_kernel(
                 u = disturb.acting(c, e, i, number, k, time, h, u)
                 if e.push.shape[1] > 0:
                     disturb.push(c, e, i, world.params, x, time, h)
+                disturb.tell(e, i, k, x, u)
                 sol = step.solve_step(world, x, u, carry)
                 after = step.next_state(world, x, sol)
                 code = batch.status_of(sol, after)

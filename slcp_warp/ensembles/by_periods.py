@@ -23,7 +23,7 @@ from .run_worlds import RunWorlds
 from .worlds import Worlds
 from .worlds.between import HostBetween
 from .worlds.columns import read_columns
-from .worlds.events import events_of
+from .worlds.events import Written, events_of
 
 
 class OnHost:
@@ -94,15 +94,14 @@ class Running:
         conditions: Any,
         table: MeasureTable,
         worlds: Worlds,
-        records: wp.array,
-        noted: wp.array,
+        written: Written,
     ) -> None:
         self._sim, self._policy, self._conditions, self._worlds = sim, policy, conditions, worlds
-        self.kept, self.events = table.kept(len(worlds), sim.device), events_of(sim, worlds)
-        self.span = span_of(sim, policy.kernel, conditions, worlds, wp.clone(worlds.x0), records)
+        self.kept, self.events = table.kept(len(worlds), sim.device), events_of(sim, worlds, written)
+        self.span = span_of(sim, policy.kernel, conditions, worlds, wp.clone(worlds.x0), written.records)
         self.next: wp.array = wp.zeros(len(worlds), dtype=wp.int32, device=sim.device)
         inputs = [conditions, self.events, worlds.params, worlds.x0, policy.struct, table.struct(sim)]
-        inputs += [self.span, records, self.kept, noted, self.span.p.status]
+        inputs += [self.span, written.records, self.kept, written.noted, self.span.p.status]
         grain = max(1, 128 // policy.every)
         self._run = RunWorlds(sim, policy.kernel, table, inputs, grain, self.next, policy.every)
 
@@ -136,11 +135,10 @@ def by_periods(
     conditions: Any,
     table: MeasureTable,
     worlds: Worlds,
-    records: wp.array,
-    noted: wp.array,
+    written: Written,
 ) -> tuple[wp.array, wp.array]:
     """As `launch.at_once`."""
-    running = Running(sim, policy, conditions, table, worlds, records, noted)
+    running = Running(sim, policy, conditions, table, worlds, written)
     steps = int(running.span.p.steps.numpy().max(initial=0))
     for k in range(0, steps, policy.every):
         policy.ask(k, running)
@@ -154,20 +152,19 @@ def handed_on(
     conditions: Any,
     table: MeasureTable,
     worlds: Worlds,
-    records: wp.array,
-    noted: wp.array,
+    written: Written,
 ) -> tuple[wp.array, wp.array]:
     """As `launch.at_once`, in launches of the fast kernel and of the one that makes the steps it leaves.
 
     A policy that is asked apart is asked before every step, by a launch of its own.
     """
-    count, state, events = len(worlds), wp.clone(worlds.x0), events_of(sim, worlds)
+    count, state, events = len(worlds), wp.clone(worlds.x0), events_of(sim, worlds, written)
     asked, apart = policy, policy[0].apart
     if apart:
         held = Held(sim, count)
         asked = held.kernel(sim)
     kernel, struct = asked
-    span = span_of(sim, kernel, conditions, worlds, state, records)
+    span = span_of(sim, kernel, conditions, worlds, state, written.records)
     numbers = [conditions, events, worlds.params, worlds.x0]
     before = None
     if apart:
@@ -185,7 +182,8 @@ def handed_on(
     assert both is not None
     fast, full = (make_sweep_kernel(spec, kernel, users, spans=True) for spec in both)
     steps = int(span.p.steps.numpy().max(initial=0))
-    inputs = [*numbers, struct, table.struct(sim), span, records, kept, noted, span.p.status]
+    inputs = [*numbers, struct, table.struct(sim), span, written.records, kept]
+    inputs += [written.noted, span.p.status]
     Run(fast, full, count, steps, inputs, sim.device, 1, 1 if apart else None, before)()
     return kept, span.p.status
 

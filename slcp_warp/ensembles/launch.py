@@ -29,7 +29,7 @@ from .worlds import Worlds
 from .worlds.between import counted_in_steps
 from .worlds.columns import read_columns
 from .worlds.draws import Draws, Given
-from .worlds.events import events_of, put_pushes
+from .worlds.events import Written, events_of, put_pushes
 
 CHUNK_BYTES = 128 * 2**20
 CHUNK_SHARE = 128  # of a GPU's memory, where that is more: few worlds leave it idle
@@ -141,9 +141,11 @@ class Case:
             return None
         return sweep_kernel(self.sim, self.policy[0], self.table, spans=False)
 
-    def launch(self, world0: int, count: int) -> dict[str, np.ndarray]:
+    def launch(self, world0: int, count: int, told: wp.array | None = None) -> dict[str, np.ndarray]:
         """Worlds world0, ...: records (B, S, R), measures (B, M); (B,) status, what was drawn, how deep rows
         overlap at the start, and when the step began that was not solved, infinite: none.
+
+        `told`: see `Written`, filled with what steps begin from.
         """
         worlds = self.draws.worlds(world0, count)
         records: wp.array = wp.zeros((count, *self.records), dtype=wp.float32, device=self.sim.device)
@@ -153,9 +155,9 @@ class Case:
             self._check_sizes(np.ravel(read_columns(worlds.params, [STEP_SIZE])))
         if not isinstance(policy, tuple):
             policy = OnHost(self.sim, policy, self.conditions, worlds)
-        noted = nothing_noted(self.sim, count)
-        kept, status = self.roll_out(self.sim, policy, self.conditions, self.table, worlds, records, noted)
-        seen = noted.numpy()
+        written = Written(records, nothing_noted(self.sim, count), told)
+        kept, status = self.roll_out(self.sim, policy, self.conditions, self.table, worlds, written)
+        seen = written.noted.numpy()
         found = {
             "records": records.numpy().copy(),
             "measures": self.table.values(kept.numpy()),
@@ -203,8 +205,7 @@ def at_once(
     conditions: Any,
     table: MeasureTable,
     worlds: Worlds,
-    records: wp.array,
-    noted: wp.array,
+    written: Written,
 ) -> tuple[wp.array, wp.array]:
     """Run a chunk of worlds to the end in one launch.
 
@@ -214,8 +215,7 @@ def at_once(
         conditions: struct of what all worlds go through.
         table: of what is measured.
         worlds: on the simulator's device.
-        records: (B, S, R), filled.
-        noted: (B, NOTED), filled where there is something.
+        written: filled where there is something.
 
     Returns:
         What is kept of the measures (B, M, WIDTH), and status (B,).
@@ -223,9 +223,9 @@ def at_once(
     count, (policy_kernel, struct) = len(worlds), policy
     kept = table.kept(count, sim.device)
     status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
-    events, measured = events_of(sim, worlds), table.struct(sim)
+    events, measured = events_of(sim, worlds, written), table.struct(sim)
     inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, make_span(sim.dtype)()]
-    RunWorlds(sim, policy_kernel, table, [*inputs, records, kept, noted, status], 1)()
+    RunWorlds(sim, policy_kernel, table, [*inputs, written.records, kept, written.noted, status], 1)()
     return kept, status
 
 

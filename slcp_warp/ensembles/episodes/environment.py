@@ -21,6 +21,7 @@ from ..by_periods import OnHost, Running
 from ..launch import nothing_noted
 from ..tasks import case_of, columns_of
 from ..worlds.draws import draws_of_task
+from ..worlds.events import Written
 from .reward import reward_of
 from .rows import begin_anew
 
@@ -165,7 +166,7 @@ class Environment(Printed):
         records: wp.array = wp.zeros((count, 0, 0), dtype=wp.float32, device=sim.device)
         self._noted = nothing_noted(sim, count)
         self._running = Running(
-            sim, self._policy, case.conditions, case.table, self._worlds, records, self._noted
+            sim, self._policy, case.conditions, case.table, self._worlds, Written(records, self._noted)
         )
 
     def reset(self, seed: int | None = None) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Given worlds of a task, step by step."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,14 @@ from ...options import Options
 from ...parameters import Parameters
 from ...results import Trajectory
 from ...results.simulated import Simulated
+from ...results.trajectory import RECORDED
 from ...simulator import Simulator
 from ...tasks.task import Task
 from ..launch import Recorded
 from ..tasks import case_of
 from ..worlds import Worlds
 from ..worlds.draws import Given
+from .made_again import recorded, steps_told
 
 
 def replay(
@@ -25,6 +28,7 @@ def replay(
     policy: Any,
     worlds: Worlds,
     *,
+    record: Sequence[str] | str = (),
     case: Options | None = None,
     seed: int = 0,
     step_size: float | None = None,
@@ -43,14 +47,20 @@ def replay(
         task: whose disturbances say when kicks are, what is pushed, and what is drawn in single steps.
         policy: as of a sweep.
         worlds: with their numbers, from which noise of single steps follows.
+        record: any of "controls", as they acted (within limits, delayed, with noise), "impulse", "gap", as of
+            `Simulator.rollout`, for `Trajectory.contacts` and measures; NaN from a step on that was not
+            solved, and where the world had ended. Impulses and gaps are those of every step made once more,
+            and NaN where it leads elsewhere, as contact that has several solutions may.
         case: options of the steps; None: the task's.
         seed: of the noise of single steps.
         step_size: [s]; None: the one that the worlds have, or the scene's.
         dtype, device, strategy: as of a `Simulator`.
 
     Raises:
-        ArgumentError: worlds with several step sizes, or of another shape than the task needs.
+        ArgumentError: worlds with several step sizes, or of another shape than the task needs; a record of
+            something else.
     """
+    wanted = checks.names("record", record, RECORDED)
     checks.instance("task", task, Task, "a slcp_warp.Task")
     given = checks.instance("worlds", worlds, Worlds, "slcp_warp.Worlds").numpy()
     if not len(given):
@@ -64,13 +74,15 @@ def replay(
     assert task.duration is not None
     sim = Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
     steps = nearest_steps("Task.duration", task.duration, h)
-    checks.memory("worlds: their states", len(given) * (steps + 1) * sim.nx, 4, sim.device)
+    each = sim.nx + len(wanted) * (sim.nx + sim.nu + 2 * sim.nr + 3 * len(task.scene.bodies))
+    checks.memory("worlds: their states", len(given) * (steps + 1) * each, 8, sim.device)
     judged = [] if task.failure is None else [first_time(task.failure)]
     run = case_of(
         task, sim, policy, Given(sim, task, given, h), judged, h, worlds=len(given), duration=steps * h,
         seed=checks.whole("seed", seed, 0), record=Recorded(tuple(range(sim.nx)), h),
     )  # fmt: skip
-    found = run.launch(0, len(given))
+    told = steps_told(sim, len(given), steps) if wanted else None
+    found = run.launch(0, len(given), told)
     states = given.x0[:, None] + found["records"].astype(float)
     parameters = sim.params
     if given.params is not None:
@@ -80,4 +92,9 @@ def replay(
             for name, start, shape in layout.columns
         }
         parameters = Parameters(sim.scene).replace(**own)
-    return Trajectory(states, found["status"], simulated=Simulated.of(sim, parameters), _measured=sim.gaps)
+    shown: dict[str, Any] = {}
+    if told is not None:
+        found_again = recorded(sim, told.numpy(), found["unsolved_time"], h, parameters)
+        shown = {name: found_again[name] for name in wanted}
+    own_scene = Simulated.of(sim, parameters)
+    return Trajectory(states, found["status"], simulated=own_scene, _measured=sim.gaps, **shown)

@@ -1,7 +1,7 @@
 """What happens to single worlds, as the kernels of a sweep take it."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -14,7 +14,21 @@ from ...tasks.disturbances import Push
 from .arrays import Worlds
 
 
-def events_of(sim: Simulator, worlds: Worlds) -> Any:
+class Written(NamedTuple):
+    """What kernels write of worlds (B, ...) while they run.
+
+    Attributes:
+        records: (B, S, R) of components of the state.
+        noted: (B, NOTED), see `arrival`.
+        told: (B, N, nx + nu + 3 nb) states, controls and forces that steps begin from; None: not wanted.
+    """
+
+    records: wp.array
+    noted: wp.array
+    told: wp.array | None = None
+
+
+def events_of(sim: Simulator, worlds: Worlds, written: Written) -> Any:
     """The struct of worlds that are on the simulator's device, with room for the forces of a step."""
     out = make_events(sim.dtype)()
     for name, values in (("number", worlds.numbers), ("kick", worlds.kicks), ("push", worlds.pushes),
@@ -23,6 +37,8 @@ def events_of(sim: Simulator, worlds: Worlds) -> Any:
             setattr(out, name, values)
     forces = (0, 0) if worlds.pushes is None else (len(worlds), 3 * sim.scene.structure.nb)
     out.external = sim.empty(*forces)
+    if written.told is not None:
+        out.told = written.told
     return out
 
 

@@ -1,0 +1,67 @@
+"""Controls, impulses and gaps of steps that a sweep's kernels made: these steps, once more, one by one."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ...parameters import Parameters
+from ...simulator import Simulator
+
+CLOSE = 1e-3  # of a world's velocities: by so much they agree where it is the same step,
+ROUNDINGS = 32  # beside so many of its positions
+
+
+def steps_told(sim: Simulator, worlds: int, steps: int) -> wp.array:
+    """Room for what steps begin from (B, N, nx + nu + 3 nb), see `Written`; NaN where no step was made."""
+    width = sim.nx + sim.nu + 3 * len(sim.scene.bodies)
+    out: wp.array = wp.full((worlds, steps, width), np.nan, dtype=sim.dtype, device=sim.device)
+    return out
+
+
+def recorded(
+    sim: Simulator, told: np.ndarray, unsolved_time: np.ndarray, step_size: float, params: Parameters
+) -> dict[str, np.ndarray]:
+    """Controls (B, N, nu) as they acted, impulse and gap (B, N, nr) of every step.
+
+    Args:
+        sim: whose steps they are.
+        told: (B, N, nx + nu + 3 nb) what they began from, see `Written`.
+        unsolved_time: (B,) when the step began that was not solved [s]; infinite: all were.
+        step_size: [s].
+        params: of the worlds.
+    """
+    worlds, steps, _ = told.shape
+    nx, nu = sim.nx, sim.nu
+    out = {"controls": np.full((worlds, steps, nu), np.nan)}
+    out |= {name: np.full((worlds, steps, sim.nr), np.nan) for name in ("impulse", "gap")}
+    ends = np.where(np.isfinite(unsolved_time), np.round(unsolved_time / step_size), steps)
+    warm = None
+    for k in range(steps):
+        made = np.isfinite(told[:, k, :nx]).all(axis=1) & (k < ends)
+        if not made.any():
+            break
+        x = np.where(made[:, None], told[:, k, :nx], sim.scene.x0)
+        u = np.where(made[:, None], told[:, k, nx : nx + nu], 0.0)
+        force = np.nan_to_num(told[:, k, nx + nu :]).reshape(worlds, -1, 3)
+        step: Any = sim.step(x, u, params, external_force=force, warm_start=warm)
+        warm = step.multiplier
+        same = made & (step.status == 0)
+        if k + 1 < steps:
+            same &= _arrives(step.state, told[:, k + 1, :nx], x, step_size) | (k + 1 >= ends)
+        out["controls"][made, k] = u[made]
+        for name in ("impulse", "gap"):
+            out[name][same, k] = getattr(step, name)[same]
+    return out
+
+
+def _arrives(state: np.ndarray, next: np.ndarray, x: np.ndarray, step_size: float) -> np.ndarray:
+    """Whether steps made alone lead to where worlds were next (B,): to their positions, as velocities are
+    kicked there; True where they had no next step.
+    """
+    nv = x.shape[1] // 2
+    moved = (next[:, :nv] - x[:, :nv]) / step_size
+    off = np.abs((state[:, :nv] - x[:, :nv]) / step_size - moved).max(axis=1, initial=0.0)
+    size = np.abs(np.concatenate([x[:, nv:], moved], axis=1)).max(axis=1, initial=0.0)
+    place = np.abs(x[:, :nv]).max(axis=1, initial=0.0)
+    return ~(off > CLOSE * size + ROUNDINGS * np.finfo(state.dtype).eps * place / step_size)

@@ -1,0 +1,88 @@
+"""Worlds played again: controls as they acted, impulses and gaps of every step."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_environment import EVERYTHING, SCENE, STEPS, task
+
+import slcp_warp as slcp
+from slcp_warp import measures as m
+
+K = -np.array([[9.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0]])
+GOAL = np.eye(8)[0] * 0.35
+HARD = slcp.Options("hard")
+
+
+def linear(limits=(-1.0, 4.0)):
+    return slcp.policies.Linear(K, GOAL, [0.0], limits=limits)
+
+
+def host():
+    """The same law, on the host."""
+    return slcp.policies.Callback(lambda x, time: (x - GOAL) @ K.T)
+
+
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
+@pytest.mark.parametrize("case", [HARD, slcp.Options()], ids=["hard", "smoothed"])
+def test_an_undisturbed_world_has_the_records_of_a_rollout(device, strategy, case):
+    given = {"dtype": "float64", "device": device, "strategy": strategy}
+    plain = task(slcp.Disturbances(), failure=None, observation=None)
+    worlds = slcp.draw_worlds(plain, 3, dtype="float64", device=device)
+    run = slcp.replay(plain, linear(), worlds, record=("controls", "impulse", "gap"), case=case, **given)
+    sim = slcp.Simulator(SCENE, case, **given)
+    own = sim.rollout(plain.start, policy=linear(), steps=STEPS, record=("controls", "impulse", "gap"))
+    for name in ("controls", "impulse", "gap"):
+        a, b = run.recorded(name), own.recorded(name)
+        assert np.isfinite(b).all()
+        np.testing.assert_allclose(a, b, rtol=1e-7, atol=1e-9, err_msg=name)
+    assert own.recorded("impulse").max() > 0.1
+
+
+@pytest.mark.parametrize("policy", [linear(), host()], ids=["kernel", "host"])
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_disturbed_worlds_tell_what_acted(device, policy, dtype):
+    """Momentum of the block in every step, with the push and the forces that are told; controls that are
+    within limits and dropped for a while.
+    """
+    quiet = replace(EVERYTHING, torque=0.0, kick_times=(), kick=0.0)
+    given = {"dtype": dtype, "device": device, "seed": 5, "case": HARD}
+    disturbed = task(quiet, failure=None, observation=None, measures={"x": m.final("block.x")})
+    worlds = slcp.draw_worlds(disturbed, 12, seed=5, dtype=dtype, device=device)
+    run = slcp.replay(disturbed, policy, worlds, record=("controls", "impulse"), **given)
+    assert (run.status == 0).all()
+    u, contact = run.recorded("controls")[..., 0], run.contact_impulse
+    assert np.isfinite(u).all() and np.isfinite(contact).all()
+    assert u.min() == -1.0 and 1.5 < u.max() <= 4.0
+    dropped = (run.times[0, :-1] > 0.2 - 1e-9) & (run.times[0, :-1] < 0.3 - 1e-9)
+    assert not u[:, dropped].any() and (u[:, ~dropped] == 0.0).mean() < 0.5
+    h, time = SCENE.step_size, run.times[0, :-1]
+    gained = run.params["mass"][:, 1:] * np.diff(run.states[:, :, 5], axis=1)
+    push = h * 2.0 * np.clip(np.minimum(time + h, 0.4) - np.maximum(time, 0.1), 0.0, None) / h
+    told = np.tile(push, (len(run), 1))
+    for world in range(len(run)):
+        rows = run.contacts(world)
+        on_b = rows["normal_force"] * rows["normal_x"] - rows["tangential_force"] * rows["normal_y"]
+        sign = np.where(rows["pair"] == "face/pusher", -1.0, 1.0)  # the block is shape_a of this pair alone
+        np.add.at(told[world], rows["step"], h * sign * on_b)
+    assert np.abs(gained).max() > 0.1
+    np.testing.assert_allclose(told, gained, rtol=0.0, atol=1e-5 if dtype == "float32" else 1e-6)
+
+
+def test_a_world_that_ends_has_records_until_then(device):
+    disturbed = task(EVERYTHING, observation=None)
+    given = {"dtype": "float64", "device": device, "seed": 5}
+    report = slcp.sweep(disturbed, linear(), worlds=40, cases=HARD, **given).part("policy")
+    ended = np.flatnonzero(np.isfinite(report["failure_time"]))
+    worlds = slcp.draw_worlds(disturbed, 40, seed=5, dtype="float64", device=device)[ended]
+    run = slcp.replay(disturbed, linear(), worlds, record="impulse", case=HARD, **given)
+    steps = np.round(report["failure_time"][ended] / SCENE.step_size).astype(int)
+    made = np.isfinite(run.recorded("impulse")).all(axis=2)
+    np.testing.assert_array_equal(made.sum(axis=1), np.minimum(steps + 1, STEPS))
+    assert len(ended) > 2 and all(row[: step + 1].all() for row, step in zip(made, steps))
+
+
+def test_what_can_be_recorded_is_said():
+    worlds = slcp.draw_worlds(task(), 1)
+    with pytest.raises(slcp.InputError, match="record"):
+        slcp.replay(task(), linear(), worlds, record="forces")
