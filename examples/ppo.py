@@ -22,6 +22,7 @@ from slcp_warp import ddp
 
 WORLDS, EPOCHS, BATCH = 512, 4, 4096
 DISCOUNT, TRACE, CLIP, RATE, ENTROPY = 0.97, 0.95, 0.2, 1e-3, 1e-3
+FAR = 0.02  # mean divergence from what played, at which a round stops to learn
 OPTIONS = slcp.Options(residual="hard", friction="coulomb")
 
 
@@ -108,6 +109,9 @@ class Learner:
         for _ in range(EPOCHS):
             for rows in torch.randperm(len(y)).split(BATCH):
                 self.learn(y[rows], a[rows], logp[rows], advantage[rows], target[rows])
+            with torch.no_grad():
+                if (logp - self.normal(y).log_prob(a).sum(1)).mean() > FAR:
+                    break
         return float(seen["success"].float().mean())
 
     def learn(self, y: Tensor, a: Tensor, logp: Tensor, advantage: Tensor, target: Tensor) -> None:

@@ -16,6 +16,7 @@ from .commands.library import library_command
 from .commands.map import map_command
 from .commands.optimise import optimise_command
 from .commands.rare import rare_command
+from .commands.replay import replay_command
 from .commands.scenes import scenes_command
 from .commands.sensitivity import sensitivity_command
 from .commands.simulate import simulate_command
@@ -57,6 +58,7 @@ app.command("simulate")(simulate_command)
 app.command("optimise")(optimise_command)
 app.command("library")(library_command)
 app.command("sweep")(sweep_command)
+app.command("replay")(replay_command)
 app.command("compare")(compare_command)
 app.command("sensitivity")(sensitivity_command)
 app.command("map")(map_command)

@@ -86,6 +86,7 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
     )
     assert "--policy is of a task with --sequential" in fails("compare", TOML, *both)
     check_questions(tmp_path, parts)
+    replayed(tmp_path, parts)
     falsified(tmp_path)
     rare(tmp_path)
     assert "has the policy" in fails("compare", _one_policy(tmp_path))
@@ -126,6 +127,40 @@ def check_questions(folder: Path, parts: dict) -> None:
     assert "name=low:high:count is needed" in fails(*bad, "friction=1:2")
     assert "x is 'weight'; a state" in fails(*bad, "weight=1:2:2")
     assert "the values of x is -1.0; it must not be negative" in fails(*bad, "friction==-1:2:2")
+
+
+def replayed(folder: Path, parts: dict) -> None:
+    """Worlds of the report that failed, step by step; a report of something else is noticed."""
+    keys = [key for key, part in parts.items() if key[1] == "hard" and not part["success"].all()]
+    policy, own = keys[0][0], parts[keys[0]]
+    first = np.flatnonzero(~own["success"])[:2]
+    arguments = (
+        "replay",
+        TOML,
+        "--policy",
+        folder / f"{policy}.npz",
+        "--residual",
+        "hard",
+        "--device",
+        "cpu",
+    )
+    said = call(
+        *arguments, "--report", folder / "report.csv", "--most", 2, "--out", folder / "failed.npz"
+    ).output
+    assert "hard, h = 0.02 s" in said and all(f" {world} " in said for world in first)
+    run = slcp.Trajectory.load(folder / "failed.npz")
+    x = run.states[:, -1, run.scene.state_index("block.x")]
+    np.testing.assert_allclose(x, own["place"][first], rtol=1e-6)
+    assert np.isfinite(run.controls).all() and len(run.contacts(0)["step"]) > 10
+    one = call(*arguments, "--world", first[-1], "--out", folder / "one.npz").output
+    assert " no SOLVED" in one and len(slcp.Trajectory.load(folder / "one.npz")) == 1
+    both = ("--report", folder / "report.csv")
+    assert "the sweep was of another task, policy, --seed" in fails(*arguments, *both, "--seed", 1)
+    assert "case is 'hard, coulomb'; choose from" in fails(*arguments, *both, "--friction", "coulomb")
+    assert "one of --report FILE, --world N and --given FILE is needed" in fails(
+        *arguments, *both, "--world", 1
+    )
+    assert "--most is of --report" in fails(*arguments, "--world", 1, "--most", 3)
 
 
 def falsified(folder: Path) -> None:
@@ -277,6 +312,8 @@ def test_differences_have_the_bounds_of_their_intervals(tmp_path):
         ),
         (["falsify", "catch", "--policy", "a.npz"], "a.npz"),
         (["rare", "catch", "--policy", "zero", "--residual", "soft"], "--residual is 'soft'; choose"),
+        (["replay", "catch", "--policy", "zero"], "one of --report FILE, --world N and --given FILE"),
+        (["replay", "catch", "--policy", "zero", "--report", "nowhere.csv"], "no such file"),
         (["compile", "juggle"], "SCENE is 'juggle'"),
         (["compile", "particle", "--what", "plan"], "there is nothing to plan"),
         (["compare", "nowhere.csv"], "no such file"),
