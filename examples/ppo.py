@@ -54,6 +54,7 @@ class Learner:
         self.env = env
         self.actor, self.critic = network(env.observations, env.controls), network(env.observations, 1)
         self.actor[-1].weight.data *= 0.01
+        self.actor.append(nn.Tanh())  # within the limits, beyond which nothing is learnt
         self.spread = nn.Parameter(torch.full((env.controls,), -0.7))  # logarithm of the noise
         low, high = (torch.tensor(side, dtype=torch.float32) for side in env.limits)
         self.middle, self.half = 0.5 * (low + high), 0.5 * (high - low)

@@ -9,7 +9,18 @@ import pytest
 from plan import FILES, LAYERS, ROOMS, ROOT, circles, floors, graph, imports, package_of, room_graph, room_of
 
 OPTIONAL = {  # the libraries of pyproject.toml's extras, by the names that they are imported by
-    *("IPython", "PIL", "dask", "distributed", "filelock", "jax", "matplotlib", "mujoco", "mujoco_warp"),
+    *(
+        "IPython",
+        "PIL",
+        "dask",
+        "distributed",
+        "filelock",
+        "gymnasium",
+        "jax",
+        "matplotlib",
+        "mujoco",
+        "mujoco_warp",
+    ),
     *("psutil", "pyarrow", "pydrake", "rich", "scipy", "submitit", "torch", "typer"),
     "websockets",
 }

@@ -8,7 +8,6 @@ from gymnasium.vector.utils import batch_space
 
 from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
-from .environment import Environment
 
 
 class TaskVectorEnv(gymnasium.vector.VectorEnv):
@@ -18,10 +17,10 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv):
     are in the step's info, with `_final_obs` and `_final_info` saying whose.
 
     Args:
-        environment: that is stepped.
+        environment: a `slcp_warp.Environment`, which is stepped.
     """
 
-    def __init__(self, environment: Environment) -> None:
+    def __init__(self, environment: Any) -> None:
         self.environment = environment
         mode = gymnasium.vector.AutoresetMode[environment.autoreset.upper()]
         self.metadata = {"autoreset_mode": mode, "render_modes": []}
