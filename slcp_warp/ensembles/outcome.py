@@ -14,7 +14,7 @@ from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError
 from ..options import Status
 from ..runs.parts import in_memory
-from ..storage.printed import Printed, Table, counted, percent, percents
+from ..storage.printed import COLUMNS, Printed, Table, counted, percent, percents
 from ..tasks.task import Task
 from .chunks import ARMS, KEYS
 from .statistics import files
@@ -234,23 +234,29 @@ class Report(Printed):
     def _tables(self) -> list[Table]:
         rows, summary = [], self.summary
         deep = any(row["overlapping"].get("worlds") for row in summary)
+        begin = ["begin in overlap"] if deep else []
+        head = [*KEYS, "worlds", *begin, "unsolved", "success, %"]
+        beside = self.measures if len(head) + len(self.measures) <= COLUMNS else ()
         for row in summary:
             alone = row["arm"] != ARMS[0]  # a handful of worlds that are always the same
             success = percent(row["success"][0]) if alone else percents(row["success"])
-            means = [_mean(row, name) for name in self.measures]
+            means = [_mean(row, name) for name in beside]
             unsolved = row["worlds"] - row["statuses"][Status.SOLVED.name]
-            begin = [overlap_text(row["overlapping"])] if deep else []
-            rows.append((*(row[key] for key in KEYS), row["worlds"], *begin, unsolved, success, *means))
-        begin = ["begin in overlap"] if deep else []
-        head = (
-            *KEYS,
-            "worlds",
-            *begin,
-            "unsolved",
-            "success, %",
-            *(f"mean {name}" for name in self.measures),
-        )
-        return [Table("", head, rows, left=2)]
+            own = [overlap_text(row["overlapping"])] if deep else []
+            rows.append((*(row[key] for key in KEYS), row["worlds"], *own, unsolved, success, *means))
+        table = Table("", (*head, *(f"mean {name}" for name in beside)), rows, left=2)
+        return [table] if beside or not self.measures else [table, _means(summary, self.measures)]
+
+
+def _means(summary: list[dict[str, Any]], measures: Sequence[str]) -> Table:
+    """A row a measure, a column a part: of measures that are too many to stand beside their parts."""
+    several = len({row["step_size"] for row in summary}) > 1
+    parts = []
+    for row in summary:
+        words = [row["policy"], row["case"], *([f"h = {row['step_size']:g}"] if several else [])]
+        parts.append(", ".join(words + ([] if row["arm"] == ARMS[0] else [row["arm"]])))
+    rows = [(name, *(_mean(row, name) for row in summary)) for name in measures]
+    return Table("", ("mean of", *parts), rows)
 
 
 def _mean(row: dict[str, Any], name: str) -> Any:

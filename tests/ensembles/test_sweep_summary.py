@@ -4,6 +4,7 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import Status
+from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.ensembles.summary import summary_of
 
 
@@ -31,3 +32,22 @@ def test_summary_of_a_known_table():
     assert found["median_recovery_time"][0] == np.inf  # the sixth of ten
     counts = {status.name: int((table["status"] == status).sum()) for status in Status}
     assert found["statuses"] == counts and counts["SOLVED"] == 8
+
+
+def report(measures: int) -> slcp.Report:
+    """Of two policies, with so many measures, which are 0.5 and more of the first, 100.5 of the second."""
+    source = MemorySource()
+    for offset, policy in ((0, "a"), (100, "b")):
+        part = {"world": np.arange(4), "success": np.ones(4, bool), "status": np.zeros(4, int)}
+        part |= {f"m{j}": np.full(4, offset + j + 0.5) for j in range(measures)}
+        source.add((policy, "hard", 0.02, "disturbed"), part)
+    return slcp.Report(None, source)
+
+
+def test_every_measure_is_printed():
+    few, many = str(report(3)), str(report(9))
+    assert few.count("\n") == 3 and "mean m2" in few and "102.5" in few
+    for j in range(9):
+        line = next(line for line in many.splitlines() if line.split()[:1] == [f"m{j}"])
+        assert line.split() == [f"m{j}", f"{j + 0.5:g}", f"{100 + j + 0.5:g}"]
+    assert "a, hard" in many and "b, hard" in many and "more" not in many
