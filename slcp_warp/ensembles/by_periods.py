@@ -100,10 +100,16 @@ class Running:
         self.kept, self.events = table.kept(len(worlds), sim.device), events_of(sim, worlds, written)
         self.span = span_of(sim, policy.kernel, conditions, worlds, wp.clone(worlds.x0), written.records)
         self.next: wp.array = wp.zeros(len(worlds), dtype=wp.int32, device=sim.device)
-        inputs = [conditions, self.events, worlds.params, worlds.x0, policy.struct, table.struct(sim)]
+        self._table, self._written = table, written
+
+    @functools.cached_property
+    def _run(self) -> RunWorlds:
+        """The launch that makes their steps; made, and compiled, when the first one is."""
+        policy, sim, own, written = self._policy, self._sim, self._worlds, self._written
+        inputs = [self._conditions, self.events, own.params, own.x0, policy.struct, self._table.struct(sim)]
         inputs += [self.span, written.records, self.kept, written.noted, self.span.p.status]
         grain = max(1, 128 // policy.every)
-        self._run = RunWorlds(sim, policy.kernel, table, inputs, grain, self.next, policy.every)
+        return RunWorlds(sim, policy.kernel, self._table, inputs, grain, self.next, policy.every)
 
     @functools.cached_property
     def _meeting(self) -> tuple[list[Prepared], wp.array]:

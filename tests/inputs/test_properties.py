@@ -69,6 +69,8 @@ A, B = np.stack([np.eye(3)] * 2), np.zeros((2, 3))
 # name: (function, good arguments, names that an error may use for an argument)
 TASK = slcp.Task("turn", FINGER, slcp.tasks.flicking_finger().cost, 5, slcp.Options(scaling="none"))
 KICKED = TASK.replace(disturbances=slcp.Disturbances(velocity=1.0))
+ENVIRONMENT = slcp.Environment(KICKED, 2, device="cpu")
+ENVIRONMENT.reset()
 JUDGED = KICKED.replace(success=slcp.measures.final("ellipse.angle") > 0.0)
 NAMED_PARTS = {name: ("policy", "there is no") for name in ("first", "second", "policy", "case", "step_size")}
 CALLS = {
@@ -91,6 +93,11 @@ CALLS = {
     "pin": (slcp.pin, {"body_a": None, "body_b": "b", "point_a": (0.0, 0.0), "point_b": (0.1, 0.0),
                        "stiffness": 1e4, "damping": 10.0, "arm": 0.5}, {}),
     "brake": (slcp.brake, {"body": slcp.Body("b", 1.0, 0.1), "holds": 1.0, "bit": 4}, {}),
+    "servo": (slcp.servo, {"body": slcp.Body("b", 1.0, 0.1), "stiffness": 2.0, "damping": 0.5}, {}),
+    "Environment": (slcp.Environment, {"task": KICKED, "worlds": 2, "device": "cpu"},
+        {"period": ("controls",)}),
+    "Environment.step": (ENVIRONMENT.step, {"controls": U}, {}),
+    "Environment.reset": (ENVIRONMENT.reset, {}, {}),
     "touching": (slcp.touching, {"shapes": ROUND, "others": ROUND}, {}),
     "Options": (slcp.Options, {}, {}),
     "Options, tolerance": (slcp.Options, {"tolerance": 1e-8}, {}),
