@@ -1,4 +1,4 @@
-"""`slcp bench policies`: what policies of users cost a sweep, beside linear feedback."""
+"""`slcp bench policies`: what policies of users, and learners, cost beside linear feedback."""
 
 import functools
 from typing import Any
@@ -52,6 +52,12 @@ def constant(u: np.ndarray, x: np.ndarray, time: float) -> np.ndarray:
     return u
 
 
+def played(environment: slcp.Environment, u: np.ndarray, steps: int) -> None:
+    """A learner's steps under the same controls always."""
+    for _ in range(steps):
+        environment.step(u)
+
+
 def bench_policies(worlds: int, steps: int, repeats: int, seed: int) -> list[dict[str, Any]]:
     """Sweeps under policies that give the same controls, for the same contacts; float32, one thread."""
     cases = []
@@ -90,6 +96,10 @@ def bench_policies(worlds: int, steps: int, repeats: int, seed: int) -> list[dic
                 what = f"{name}: {label}"
                 reference = None if label == "linear" else f"{name}: linear"
                 cases.append(Case(what, functools.partial(run, policy), worlds * steps, reference))
+            environment = slcp.Environment(task, worlds, seed=seed, device="cpu", strategy="specialised")
+            environment.reset()
+            play = functools.partial(played, environment, np.tile(u, (worlds, 1)), steps)
+            cases.append(Case(f"{name}: environment", play, worlds * steps, f"{name}: linear"))
         results = time_interleaved(cases, repeats)
     clock = "process CPU time, one thread; ratios are linear / case"
     print_table(f"sweeps of {worlds} worlds x {steps} steps: {clock}", "us per step", results, [])
