@@ -80,7 +80,7 @@ def _of_all(run: slcp.Trajectory) -> slcp.Parameters:
                 f"--replay is a run of worlds that differ in {name}; one is shown at a time: save "
                 "trajectory[i:i + 1]"
             )
-    return run[:1].params if run.batched else run.params
+    return run[0].params if run.batched else run.params
 
 
 def _last_finite(states: np.ndarray, status: np.ndarray) -> np.ndarray:

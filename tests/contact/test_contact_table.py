@@ -11,32 +11,34 @@ from slcp_warp import Body, Scene, Shape
 LAWS = {"smoothed": slcp.Options(), "coulomb": slcp.Options("hard", friction="coulomb")}
 
 
-def yard():
-    """A box, a rod and two discs that fall on a slope, and into a bowl."""
+def yard(turned):
+    """Two boxes, a rod and two discs that fall on a slope, and into a bowl; `turned`: shape_b is shape_a."""
     shapes = (
         Shape("slope", None, "halfplane", angle=np.pi / 2 + 0.2),
         Shape("bowl", None, "ring", 2.0, offset=(0.0, 1.9)),
         Shape("block", "box", "rectangle", (0.2, 0.1), offset=(0.02, 0.0), angle=0.1, corner_radius=0.03),
+        Shape("crate", "crate", "rectangle", (0.1, 0.15)),
         Shape("rod", "rod", "capsule", (0.05, 0.2)),
         Shape("ball", "ball", "disc", 0.1),
         Shape("egg", "egg", "disc", 0.12, offset=(0.03, 0.0)),
     )
     bodies = tuple(
         Body(n, m, 0.02 * m, joint="free")
-        for n, m in (("box", 2.0), ("rod", 1.0), ("ball", 0.5), ("egg", 0.7))
+        for n, m in (("box", 2.0), ("crate", 1.5), ("rod", 1.0), ("ball", 0.5), ("egg", 0.7))
     )
-    return Scene("yard", bodies, shapes, "auto", friction=0.4, step_size=0.005)
+    return Scene("yard", bodies, shapes[::-1] if turned else shapes, "auto", friction=0.4, step_size=0.005)
 
 
 def start(scene, rng):
-    q = np.array([[-0.3, 0.5, 0.3], [0.35, 0.55, 1.0], [0.0, 0.75, 0.0], [0.0, 1.05, 0.0]])
-    x = np.concatenate([q.ravel(), np.zeros(12)])
-    return x + 0.02 * rng.standard_normal((2, 24))
+    q = np.array([[-0.3, 0.5, 0.3], [-0.3, 0.85, 0.1], [0.35, 0.55, 1.0], [0.0, 0.75, 0.0], [0.0, 1.05, 0.0]])
+    x = np.concatenate([q.ravel(), np.zeros(15)])
+    return x + 0.02 * rng.standard_normal((2, 30))
 
 
+@pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("law", LAWS)
-def test_forces_and_moments_of_the_table_are_those_that_bodies_feel(law):
-    scene = yard()
+def test_forces_and_moments_of_the_table_are_those_that_bodies_feel(law, turned):
+    scene = yard(turned)
     sim = slcp.Simulator(scene, LAWS[law], device="cpu", dtype="float64", strategy="generic")
     run = sim.rollout(start(scene, np.random.default_rng(0)), steps=160, record=("impulse", "gap"))
     assert not run.status.any()
@@ -47,7 +49,7 @@ def test_forces_and_moments_of_the_table_are_those_that_bodies_feel(law):
         h, x = scene.step_size, run.states[world]
         names = [body.name for body in scene.bodies]
         owner = {s.name: names.index(s.body) if s.body else -1 for s in scene.shapes}
-        force, moment, apart = np.zeros((160, 4, 2)), np.zeros((160, 4)), np.zeros((160, 4))
+        force, moment, apart = np.zeros((160, 5, 2)), np.zeros((160, 5)), np.zeros((160, 5))
         pairs = list(scene.pair_names)
         n = np.stack([table["normal_x"], table["normal_y"]], -1)
         t = np.stack([-n[:, 1], n[:, 0]], -1)
@@ -65,7 +67,7 @@ def test_forces_and_moments_of_the_table_are_those_that_bodies_feel(law):
                     ]  # the other side is touched so far off
                     apart[step, b] += np.abs(table["tangential_force"][i] * gap)
             kinds.add(pair)
-        v = x[:, 12:].reshape(161, 4, 3)
+        v = x[:, 15:].reshape(161, 5, 3)
         change = np.diff(v, axis=0) / h
         mass = np.array([body.mass for body in scene.bodies])
         felt = mass[:, None] * (change[..., :2] - np.array(scene.gravity))
@@ -73,7 +75,7 @@ def test_forces_and_moments_of_the_table_are_those_that_bodies_feel(law):
         np.testing.assert_allclose(force, felt, atol=1e-4 * size)
         miss = np.abs(moment - 0.02 * mass * change[..., 2])
         assert (miss < 1e-4 * size + 1.001 * apart).all()
-    assert len(kinds) > 6
+    assert len(kinds) > 6 and any("block" in kind and "crate" in kind for kind in kinds)
 
 
 def test_a_table_has_what_presses_and_when():

@@ -13,7 +13,7 @@ from .motion import Motion
 Part = tuple[int, int]  # a shape, and which end of it: 0, the whole shape
 
 DIRECTIONS = 72
-REFINED = 4  # times the grid is narrowed
+REFINED = 6  # times the grid is narrowed
 
 
 def contact_points(
@@ -22,7 +22,8 @@ def contact_points(
     """Where some pairs touch, (k, 2) [m], and normals from shape_a to shape_b, (k, 2), at q (nv,).
 
     The direction n that maximises n.(c_B - c_A) - h_A(n) - h_B(-n), by a grid that narrows; h is the support
-    function. The point is that of shape B.
+    function. The point is that of shape B, or of shape A where B is a wall, or a side on which A has a corner
+    or a round part.
     """
     centre, angle = mechanism.shapes(q[None])
     structure = mechanism.scene.structure
@@ -35,11 +36,16 @@ def contact_points(
             normal = facing if wall[0] == a else -facing
         else:
             normal = _normal(mechanism, centre[0], angle[0], a, b)
-        touching = a if wall and wall[0] == b else b
+        touching = a if b in wall or (_is_point(mechanism, a) and not _is_point(mechanism, b)) else b
         along = normal if touching == a else -normal
         points[i] = centre[0, touching[0]] + _support(mechanism, angle[0], touching, along[None])[0]
         normals[i] = normal
     return points, normals
+
+
+def _is_point(mechanism: Mechanism, part: Part) -> bool:
+    """Whether one point of a part alone lies farthest along every normal: it has no sides."""
+    return part[1] != 0 or mechanism.scene.structure.shapes[part[0]].kind not in SIDED
 
 
 def _facing(

@@ -42,6 +42,22 @@ def test_a_trajectory_is_shown_as_its_worlds_were(tmp_path):
     np.testing.assert_array_equal(player.worlds.state, run.states[:, 1])  # from the beginning again
 
 
+def test_one_of_worlds_with_numbers_of_their_own_is_shown(tmp_path):
+    """As `slcp.replay` and a slice of it leave them: every number has an axis of worlds."""
+    table = slcp.scenes.box_toss()
+    task = slcp.Task("toss", table, duration=0.1, disturbances=slcp.Disturbances(parameters={"mass": 0.1}))
+    run = slcp.replay(task, None, slcp.draw_worlds(task, 3), case=slcp.Options("hard"), device="cpu")
+    run[1:2].save(tmp_path / "one.npz")
+    run.save(tmp_path / "all.npz")
+    for name, worlds in (("one", 1), ("all", 3)):
+        player = Player(shown(tmp_path / f"{name}.npz"))
+        player.tick()
+        assert (
+            player.worlds.state.shape == (worlds, 2 * table.nv)
+            and len(player.picture(0.5)["poses"]) == worlds
+        )
+
+
 def test_a_world_that_failed_stands_still(tmp_path):
     run = fallen(tmp_path / "fall.npz")
     run.states[1, 5:] = np.nan

@@ -33,14 +33,17 @@ def test_every_end_touches_where_the_oracle_says():
         for k in pairs:
             gap, angle, pa, pb, _ = oracle.contact(q, k)
             np.testing.assert_allclose(normals[k], [np.cos(angle), np.sin(angle)], atol=1e-3)
-            touched = pa if sc.structure.shapes[sc.structure.pairs[k].shape_b].kind == "halfplane" else pb
+            pair, kinds = sc.structure.pairs[k], [shape.kind for shape in sc.structure.shapes]
+            round_a, round_b = (
+                end or kinds[shape] == "disc"
+                for shape, end in ((pair.shape_a, pair.end_a), (pair.shape_b, pair.end_b))
+            )
+            on_a = kinds[pair.shape_b] == "halfplane" or (round_a and not round_b)
             across = np.array([-normals[k][1], normals[k][0]])
-            assert normals[k] @ (points[k] - touched) == pytest.approx(0.0, abs=2e-4)
-            if (
-                sc.structure.pairs[k].end_b
-                or sc.structure.shapes[sc.structure.pairs[k].shape_b].kind == "disc"
-            ):
-                assert across @ (points[k] - touched) == pytest.approx(0.0, abs=2e-4)
+            off = points[k] - (pa if on_a else pb)
+            assert normals[k] @ off == pytest.approx(0.0, abs=2e-4)
+            if round_a if on_a else round_b:
+                assert across @ off == pytest.approx(0.0, abs=2e-4)
 
 
 @pytest.mark.parametrize("at, near", [((0.0, 0.0), True), ((0.22, 0.0), True), ((0.215, 0.095), True),
