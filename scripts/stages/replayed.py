@@ -18,10 +18,12 @@ CLOSE = 1e-6  # of a measure, by which a report and what is played agree
 RECORD = ("controls", "impulse", "gap")
 
 
-def worlds_of_report(path: Path, policy: str, label: str, most: int) -> tuple[dict[str, np.ndarray], float]:
+def worlds_of_report(
+    path: Path, policy: str, label: str, step_size: float | None, most: int
+) -> tuple[dict[str, np.ndarray], float]:
     """The rows of the first worlds of a report in which a policy did not succeed, and their step size [s]."""
     report = slcp.load_report(path)
-    key = report.key(policy, label)
+    key = report.key(policy, label, step_size)
     rows = report.part(*key)
     failed = np.flatnonzero(~rows["success"].astype(bool))[:most]
     if not len(failed):
@@ -59,12 +61,12 @@ def play(
     ((label, options),) = rule.cases(task.options, rule.residual or "smoothed").items()
     rows = None
     if report is not None and not numbers:
-        rows, step_size = worlds_of_report(report, name, label, most)
+        rows, step_size = worlds_of_report(report, name, label, step_size, most)
         numbers = rows["world"].tolist()
     seed, drawn = choices.pop("seed"), {"dtype": choices["dtype"], "device": choices["device"]}
     worlds = given
     if worlds is None:
-        worlds = slcp.draw_worlds(task, max(numbers) + 1, seed, **drawn)[np.array(numbers)]
+        worlds = slcp.draw_worlds(task, list(numbers), seed, **drawn)
     shared = {"seed": seed, **choices}
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*begin in overlap", RuntimeWarning)  # the table says it

@@ -41,7 +41,8 @@ class OnHost:
             numbers = worlds.numbers.numpy().copy()
         (h,) = read_columns(worlds.params, [STEP_SIZE])
         self._asked, self._worlds, self._sim = Asked(policy, sim, numbers, h), worlds, sim
-        self.every, self.held = self._asked.every, Held(sim, len(worlds))
+        most = int(conditions.duration / conditions.step) + 1  # steps: a longer period is one that never ends
+        self.every, self.held = min(self._asked.every, most), Held(sim, len(worlds))
         self._between = policy if isinstance(policy, HostBetween) else None
         around = self.held if self._between is None else self._between.around(self.held)
         if self._between is not None and self._between.hold % self.every == 0:

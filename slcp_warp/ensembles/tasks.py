@@ -88,9 +88,7 @@ class TaskSweep:
         for size in sizes:
             steps_of(task.disturbances, size)
             task.disturbances.check_kicks(size, task.duration)
-        self._judged: list[Measure] = list(task.measures.values())
-        self._judged += [] if task.success is None else task.success.parts()
-        self._judged += [] if task.failure is None else [first_time(task.failure)]
+        self._judged = judged_of(task)
         for size in sizes if priced(self._judged) else ():  # before the first world runs
             task.cost.in_steps_of(size)  # times that steps of it do not have
             if size != task.scene.step_size:
@@ -168,6 +166,13 @@ class TaskSweep:
             part.step_size, worlds=part.worlds, chunk=part.at_once, seed=self.seed,
             quiet=part.arm != ARMS[0], record=self.record,
         )  # fmt: skip
+
+
+def judged_of(task: Task) -> list[Measure]:
+    """What worlds are measured by: the task's measures, those of its success, and when a failure comes."""
+    judged: list[Measure] = list(task.measures.values())
+    judged += [] if task.success is None else task.success.parts()
+    return judged + ([] if task.failure is None else [first_time(task.failure)])
 
 
 def case_of(

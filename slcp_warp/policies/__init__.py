@@ -13,6 +13,7 @@ from .function import Function
 from .linear import Linear
 from .network import Network
 from .observed import Observation, Observed
+from .open_loop import OpenLoop
 from .saved import load_policy, save_policy
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "Network",
     "Observation",
     "Observed",
+    "OpenLoop",
     "PolicyFunctions",
     "PolicyKernel",
     "load_policy",

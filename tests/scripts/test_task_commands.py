@@ -161,6 +161,7 @@ def replayed(folder: Path, parts: dict) -> None:
         *arguments, *both, "--world", 1
     )
     assert "--most is of --report" in fails(*arguments, "--world", 1, "--most", 3)
+    assert "step_size is 0.01; choose from [0.02]" in fails(*arguments, *both, "--step-size", 0.01)
 
 
 def falsified(folder: Path) -> None:

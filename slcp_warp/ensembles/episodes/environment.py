@@ -12,14 +12,13 @@ from ...inputs import checks
 from ...inputs.errors import ArgumentError
 from ...inputs.limits import limit_rows
 from ...inputs.times import nearest_steps
-from ...measures.reductions import first_time
 from ...options import Options, Status
 from ...simulator import Simulator
 from ...storage.printed import Printed
 from ...tasks.task import Task
 from ..by_periods import OnHost, Running
 from ..launch import nothing_noted
-from ..tasks import case_of, columns_of
+from ..tasks import case_of, columns_of, judged_of
 from ..worlds.draws import draws_of_task
 from ..worlds.events import Written
 from .reward import reward_of
@@ -138,10 +137,9 @@ class Environment(Printed):
         self.dtype = np.dtype(wp.dtype_to_numpy(self.sim.dtype))
         lower, upper = limit_rows(task.control_limits, task.scene.nu)
         self.limits = lower[0], upper[0]
-        self._judged = list(task.measures.values())
-        self._judged += [] if task.success is None else task.success.parts()
-        self._judged += [] if task.failure is None else [first_time(task.failure)]
-        self._judged.append(self._reward.measure)
+        for side in self.limits:
+            side.flags.writeable = False
+        self._judged = [*judged_of(task), self._reward.measure]
         each = self.sim.params.layout.width + self.sim.nx + task.disturbances.numbers(task.scene.nv)
         checks.memory("worlds: their numbers", self.worlds * each, 16, self.sim.device)
         self._begin(self.seed)
@@ -168,6 +166,8 @@ class Environment(Printed):
         self._running = Running(
             sim, self._policy, case.conditions, case.table, self._worlds, Written(records, self._noted)
         )
+        self._sum = self._running.kept[:, len(self._judged) - 1, 0]  # of the reward's measure, in a step
+        self._paid = np.zeros(count)
 
     def reset(self, seed: int | None = None) -> np.ndarray:
         """All worlds at the start of an episode: of the next one, or with a seed of the first.
@@ -175,11 +175,12 @@ class Environment(Printed):
         Returns:
             Observations (B, ny).
         """
-        self._waiting = np.zeros(self.worlds, bool)
+        seed = None if seed is None else checks.whole("seed", seed, 0)
         if seed is not None:
-            self._begin(checks.whole("seed", seed, 0))
+            self._begin(seed)
         elif self._begun:
             self._renew(np.arange(self.worlds))
+        self._waiting = np.zeros(self.worlds, bool)
         self._begun = True
         return self._observe()
 
@@ -192,13 +193,17 @@ class Environment(Printed):
         if not self._begun:
             raise ArgumentError("step came before reset; call reset() first")
         u = checks.array("controls", controls, (self.worlds, self.controls))
-        self._policy.held.us.assign(u)
-        before = self._added_up()
+        with np.errstate(over="ignore"):
+            if not np.isfinite(single := u.astype(self.dtype)).all():
+                raise ArgumentError(f"controls holds {u[~np.isfinite(single)][0]:g}, beyond {self.dtype}")
+        self._policy.held.us.assign(single)
+        self._sum.zero_()
         self._running.go(checks.MOST)
         over, unsolved = self._over()
-        paid = self._reward.of(before, self._added_up())
+        paid = self._reward.sign * self._sum.numpy()
         paid[unsolved & ~np.isfinite(paid)] = 0.0
-        ended = self._ended(np.flatnonzero(over)) if over.any() else self._nobody
+        self._paid += paid
+        ended = self._ended(np.flatnonzero(over)) if over.any() else dict(self._nobody)
         failed = np.zeros(self.worlds, bool)
         failed[ended["slot"]] = np.isfinite(ended.get("failure_time", np.inf))
         observation, last = self._seen_on(over)
@@ -227,11 +232,6 @@ class Environment(Printed):
         observation = np.where(begin[:, None], self._observe(), last)
         return observation, np.where(waited[:, None], observation, last)
 
-    def _added_up(self) -> np.ndarray:
-        """(B,) what the measure that is paid has come to."""
-        added: np.ndarray = self._running.kept.numpy()[:, len(self._judged) - 1, 0].copy()
-        return added
-
     def _ended(self, slots: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of episodes that ended."""
         kept = self._running.kept.numpy()[slots]
@@ -243,9 +243,8 @@ class Environment(Printed):
             "unsolved_time": seen[:, STOPPED],
         }
         columns = columns_of(self.task, self._judged, found, self._numbers[slots])
-        paid = self._reward.of(np.zeros(len(slots)), kept[:, len(self._judged) - 1, 0])
         steps = self._running.next.numpy()[slots]
-        return {"slot": slots, **columns, "steps": steps, "return": paid}
+        return {"slot": slots, **columns, "steps": steps, "return": self._paid[slots]}
 
     def _renew(self, slots: np.ndarray) -> None:
         """The next episodes of some slots."""
@@ -254,6 +253,7 @@ class Environment(Printed):
                 f"{checks.MOST} worlds were drawn, and there are no more numbers; reset(seed=...)"
             )
         self._numbers[slots] += self.worlds
+        self._paid[slots] = 0.0
         fresh = self._draws.of_numbers(self._numbers[slots])
         begin_anew(self.sim, self._case.conditions, self._running, self._worlds, self._noted, slots, fresh)
 
@@ -263,6 +263,9 @@ class Environment(Printed):
         policy: Any = self._case.policy
         seen: np.ndarray = policy.act(state, 0.0, self._numbers)
         return seen.astype(self.dtype)
+
+    def __reduce__(self) -> Any:
+        raise TypeError("an Environment cannot be copied or pickled; make another one of its task")
 
     def gymnasium(self) -> Any:
         """A `gymnasium.vector.VectorEnv` of it; some of Gymnasium's wrappers need autoreset="next_step".

@@ -2,8 +2,6 @@
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ...costs import NO_COST
 from ...inputs.checks import instance
 from ...inputs.errors import ArgumentError
@@ -18,12 +16,6 @@ class Reward(NamedTuple):
 
     measure: Measure
     sign: float
-
-    def of(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """(B,) of what the measure has added up to, before and after a step."""
-        with np.errstate(invalid="ignore"):  # a sum may be infinite
-            paid: np.ndarray = self.sign * (after - before)
-        return paid
 
 
 def reward_of(task: Task, given: Any) -> Reward:

@@ -1,10 +1,12 @@
 """Controls, impulses and gaps of steps that a sweep's kernels made: these steps, once more, one by one."""
 
+import warnings
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from ...options import Status
 from ...parameters import Parameters
 from ...simulator import Simulator
 
@@ -24,6 +26,9 @@ def recorded(
 ) -> dict[str, np.ndarray]:
     """Controls (B, N, nu) as they acted, impulse and gap (B, N, nr) of every step.
 
+    NaN from a step on that was not solved; where a world had ended nothing acts. Warns of steps that lead
+    elsewhere when they are made alone, as contact with several solutions may: their impulses are NaN.
+
     Args:
         sim: whose steps they are.
         told: (B, N, nx + nu + 3 nb) what they began from, see `Written`.
@@ -36,22 +41,29 @@ def recorded(
     out = {"controls": np.full((worlds, steps, nu), np.nan)}
     out |= {name: np.full((worlds, steps, sim.nr), np.nan) for name in ("impulse", "gap")}
     ends = np.where(np.isfinite(unsolved_time), np.round(unsolved_time / step_size), steps)
-    warm = None
+    stands, warm, elsewhere = np.tile(sim.scene.x0, (worlds, 1)), None, np.zeros(worlds, bool)
     for k in range(steps):
-        made = np.isfinite(told[:, k, :nx]).all(axis=1) & (k < ends)
-        if not made.any():
-            break
-        x = np.where(made[:, None], told[:, k, :nx], sim.scene.x0)
+        goes, made = k < ends, np.isfinite(told[:, k, :nx]).all(axis=1)
+        x = np.where(made[:, None], told[:, k, :nx], stands)
         u = np.where(made[:, None], told[:, k, nx : nx + nu], 0.0)
         force = np.nan_to_num(told[:, k, nx + nu :]).reshape(worlds, -1, 3)
         step: Any = sim.step(x, u, params, external_force=force, warm_start=warm)
-        warm = step.multiplier
-        same = made & (step.status == 0)
+        warm, stands = step.multiplier, np.where((made & goes)[:, None], step.state, stands)
+        same = step.status == Status.SOLVED
         if k + 1 < steps:
             same &= _arrives(step.state, told[:, k + 1, :nx], x, step_size) | (k + 1 >= ends)
-        out["controls"][made, k] = u[made]
-        for name in ("impulse", "gap"):
-            out[name][same, k] = getattr(step, name)[same]
+        elsewhere |= made & goes & ~same
+        out["controls"][goes, k], out["gap"][goes, k] = u[goes], step.gap[goes]
+        out["impulse"][goes, k] = np.where((made & same)[goes, None], step.impulse[goes], 0.0)
+        out["impulse"][made & goes & ~same, k] = np.nan
+    if elsewhere.any():
+        some = ", ".join(map(str, np.flatnonzero(elsewhere)[:8]))
+        warnings.warn(
+            f"steps of {elsewhere.sum()} worlds lead elsewhere when they are made alone, and their impulses "
+            f"are not known (NaN): {some}",
+            RuntimeWarning,
+            stacklevel=3,
+        )
     return out
 
 

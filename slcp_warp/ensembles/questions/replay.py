@@ -8,7 +8,6 @@ import numpy as np
 from ...inputs import checks
 from ...inputs.errors import ArgumentError
 from ...inputs.times import nearest_steps
-from ...measures.reductions import first_time
 from ...options import Options
 from ...parameters import Parameters
 from ...results import Trajectory
@@ -17,7 +16,7 @@ from ...results.trajectory import RECORDED
 from ...simulator import Simulator
 from ...tasks.task import Task
 from ..launch import Recorded
-from ..tasks import case_of
+from ..tasks import case_of, judged_of
 from ..worlds import Worlds
 from ..worlds.draws import Given
 from .made_again import recorded, steps_told
@@ -49,8 +48,9 @@ def replay(
         worlds: with their numbers, from which noise of single steps follows.
         record: any of "controls", as they acted (within limits, delayed, with noise), "impulse", "gap", as of
             `Simulator.rollout`, for `Trajectory.contacts` and measures; NaN from a step on that was not
-            solved, and where the world had ended. Impulses and gaps are those of every step made once more,
-            and NaN where it leads elsewhere, as contact that has several solutions may.
+            solved, and nothing acts where the world had ended. Impulses and gaps are those of every step made
+            once more; where it leads elsewhere, as contact with several solutions may, they are NaN, and a
+            RuntimeWarning says so.
         case: options of the steps; None: the task's.
         seed: of the noise of single steps.
         step_size: [s]; None: the one that the worlds have, or the scene's.
@@ -76,7 +76,7 @@ def replay(
     steps = nearest_steps("Task.duration", task.duration, h)
     each = sim.nx + len(wanted) * (sim.nx + sim.nu + 2 * sim.nr + 3 * len(task.scene.bodies))
     checks.memory("worlds: their states", len(given) * (steps + 1) * each, 8, sim.device)
-    judged = [] if task.failure is None else [first_time(task.failure)]
+    judged = judged_of(task)  # those of a sweep, whose kernels are shared
     run = case_of(
         task, sim, policy, Given(sim, task, given, h), judged, h, worlds=len(given), duration=steps * h,
         seed=checks.whole("seed", seed, 0), record=Recorded(tuple(range(sim.nx)), h),

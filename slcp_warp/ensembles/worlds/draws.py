@@ -14,7 +14,7 @@ from slcp_warp.kernels.ensembles.draws import make_columns, make_corners_kernel,
 from slcp_warp.kernels.structure import STEP_SIZE
 
 from ...inputs import rules
-from ...inputs.checks import instance, memory, whole
+from ...inputs.checks import array, instance, memory, shown, whole
 from ...inputs.errors import ArgumentError
 from ...simulator import Simulator
 from ...tasks.disturbances import Disturbances, Uniform, laws
@@ -25,6 +25,7 @@ from .columns import read_columns
 from .corners import columns_of_corners, with_corners_within
 
 MOST = float(np.finfo(np.float32).max)
+WORLDS = 2**31 - 1  # that have numbers
 
 
 class Which(NamedTuple):
@@ -267,7 +268,7 @@ def _check_timing(d: Disturbances, timing: np.ndarray) -> None:
 
 
 def draw_worlds(
-    task: Task, worlds: int, seed: int = 0, first: int = 0, *, dtype: str = "float32", device: Any = None
+    task: Task, worlds: Any, seed: int = 0, first: int = 0, *, dtype: str = "float32", device: Any = None
 ) -> Worlds:
     """The numbers of a task's disturbed worlds `first`, `first` + 1, ...: those that a sweep draws.
 
@@ -276,16 +277,32 @@ def draw_worlds(
 
     Args:
         task: whose worlds they are.
-        worlds: how many.
+        worlds: how many; or which, by a list or an array of their numbers.
         seed: as of the sweep.
-        first: number of the first.
+        first: number of the first, where `worlds` says how many.
         dtype: of the sweep. What is not drawn is in it, too: a step of 0.01 s is 0.00999999978 s in float32.
         device: as of a `Simulator`.
     """
     task = instance("task", task, Task, "a slcp_warp.Task")
-    count, seed, first = whole("worlds", worlds), whole("seed", seed, 0), whole("first", first, 0)
+    seed, first = whole("seed", seed, 0), whole("first", first, 0)
+    several = isinstance(worlds, list | tuple | np.ndarray)
+    count = len(array("worlds", worlds, ("B",))) if several else whole("worlds", worlds, 1, WORLDS)
     sim = task.simulator(dtype=dtype, device=device)
     each = sim.params.layout.width + sim.nx + task.disturbances.numbers(task.scene.nv)
     memory("worlds: their numbers", count * each, 16, sim.device)
     draws = draws_of_task(sim, task, task.disturbances, seed, task.scene.step_size)
-    return replace(draws.worlds(first, count).numpy(), numbers=first + np.arange(count))
+    return draws.of_numbers(_which(worlds, count, first)).numpy()
+
+
+def _which(worlds: Any, count: int, first: int) -> np.ndarray:
+    """Numbers of worlds: so many from the first on, or those that are given."""
+    if not isinstance(worlds, list | tuple | np.ndarray):
+        if first > WORLDS - count:
+            raise ArgumentError(f"first is {first}; with {count} worlds at most {WORLDS - count} is needed")
+        return first + np.arange(count)
+    given = array("worlds", worlds)
+    if not count or (given % 1.0 != 0.0).any() or given.min() < 0.0 or given.max() >= WORLDS:
+        raise ArgumentError(
+            f"worlds is {shown(worlds)}; numbers of worlds, from 0 to {WORLDS - 1}, are needed"
+        )
+    return given.astype(np.int64)

@@ -8,6 +8,7 @@ from test_environment import EVERYTHING, SCENE, STEPS, task
 
 import slcp_warp as slcp
 from slcp_warp import measures as m
+from slcp_warp.ensembles.questions import made_again
 
 K = -np.array([[9.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0]])
 GOAL = np.eye(8)[0] * 0.35
@@ -69,7 +70,7 @@ def test_disturbed_worlds_tell_what_acted(device, policy, dtype):
     np.testing.assert_allclose(told, gained, rtol=0.0, atol=1e-5 if dtype == "float32" else 1e-6)
 
 
-def test_a_world_that_ends_has_records_until_then(device):
+def test_a_world_that_ends_has_records_until_then(device, tmp_path):
     disturbed = task(EVERYTHING, observation=None)
     given = {"dtype": "float64", "device": device, "seed": 5}
     report = slcp.sweep(disturbed, linear(), worlds=40, cases=HARD, **given).part("policy")
@@ -77,9 +78,61 @@ def test_a_world_that_ends_has_records_until_then(device):
     worlds = slcp.draw_worlds(disturbed, 40, seed=5, dtype="float64", device=device)[ended]
     run = slcp.replay(disturbed, linear(), worlds, record="impulse", case=HARD, **given)
     steps = np.round(report["failure_time"][ended] / SCENE.step_size).astype(int)
-    made = np.isfinite(run.recorded("impulse")).all(axis=2)
-    np.testing.assert_array_equal(made.sum(axis=1), np.minimum(steps + 1, STEPS))
-    assert len(ended) > 2 and all(row[: step + 1].all() for row, step in zip(made, steps))
+    assert len(ended) > 2 and np.isfinite(run.recorded("impulse")).all()
+    acts = [row[: step + 1].any() and not row[step + 1 :].any() for row, step in zip(run.impulse, steps)]
+    assert all(acts)
+    own = report["push"][ended]
+    pushed = run.contact_impulse[..., 0].sum(axis=(1, 2))
+    np.testing.assert_allclose(pushed, own, rtol=1e-6)
+    np.testing.assert_allclose(run.measure(m.impulse()), own, rtol=1e-6)
+    run.save(tmp_path / "ended.npz")
+    again = slcp.Trajectory.load(tmp_path / "ended.npz")
+    np.testing.assert_array_equal(again.measure(m.final("block.x")), run.measure(m.final("block.x")))
+
+
+def test_an_impulse_that_is_not_known_is_said(monkeypatch, tmp_path):
+    """As of a step that leads elsewhere when it is made alone: here every second one is said to."""
+    monkeypatch.setattr(made_again, "_arrives", lambda state, *_: np.arange(len(state)) % 2 == 0)
+    plain = task(slcp.Disturbances(velocity=0.1), failure=None, observation=None)
+    worlds = slcp.draw_worlds(plain, 4, dtype="float64")
+    with pytest.warns(RuntimeWarning, match="steps of 2 worlds lead elsewhere .*: 1, 3"):
+        run = slcp.replay(plain, linear(), worlds, record="impulse", case=HARD, dtype="float64")
+    known = np.isfinite(run.impulse).all(axis=(1, 2))
+    np.testing.assert_array_equal(known, [True, False, True, False])
+    values = run.measure(m.final("block.x"))
+    np.testing.assert_array_equal(np.isfinite(values), known)
+    run.save(tmp_path / "some.npz")
+    again = slcp.Trajectory.load(tmp_path / "some.npz")
+    np.testing.assert_array_equal(again.measure(m.final("block.x")), values)
+
+
+def test_records_end_where_a_step_is_not_solved(device):
+    """Before it all is known; from it on nothing is."""
+
+    def burst(x, time):
+        return np.where(np.arange(len(x))[:, None] == 1, 10.0 ** (300.0 * (time > 0.2)), 1.0)
+
+    plain = task(slcp.Disturbances(velocity=0.1), failure=None, observation=None, control_limits=None)
+    worlds = slcp.draw_worlds(plain, 3, dtype="float64", device=device)
+    given = {"case": HARD, "dtype": "float64", "device": device, "record": ("controls", "impulse", "gap")}
+    run = slcp.replay(plain, slcp.policies.Callback(burst), worlds, **given)
+    assert run.status.tolist() == [0, slcp.Status.NONFINITE, 0]
+    for name in ("controls", "impulse", "gap"):
+        known = np.isfinite(run.recorded(name)).all(axis=2)
+        assert known[[0, 2]].all()
+        last = int(known[1].sum())
+        assert 10 < last < STEPS and known[1, :last].all()
+
+
+def test_worlds_are_drawn_by_their_numbers():
+    some, many = slcp.draw_worlds(task(), [7, 2, 49], seed=3), slcp.draw_worlds(task(), 50, seed=3)
+    for name in ("x0", "params", "kicks", "pushes", "dropouts", "timing", "numbers"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(many, name)[[7, 2, 49]])
+    for bad in ([], [-1], [0.5], [2**31], [[1]], "x"):
+        with pytest.raises(slcp.InputError, match="worlds"):
+            slcp.draw_worlds(task(), bad)
+    with pytest.raises(slcp.InputError, match="first"):
+        slcp.draw_worlds(task(), 5, first=2**31 - 3)
 
 
 def test_what_can_be_recorded_is_said():
