@@ -17,7 +17,7 @@ from .tasks import tell_timing
 ZERO, MPC = "zero", "mpc"
 MISSING = "--policy is missing: a file of `slcp library` or `slcp optimise`, file.py:name, or zero"
 STARTS = ("shift", "plan", "zero", "noise")
-POLICY = f"{ZERO}, a file of `slcp library` or `optimise`, {MPC}, {MPC}:FILE of either, or file.py:name"
+POLICY = f"{ZERO}, a file of `slcp library`, `optimise` or `save_policy`, {MPC}, {MPC}:FILE, or file.py:name"
 
 TaskPolicy = Annotated[str | None, typer.Option(help=f"{POLICY}; none of a task without controls.")]
 

@@ -70,6 +70,16 @@ class Cost:
         """Warp functions for a scalar type and sizes, made once, and anew where `make` sees other values."""
         return _functions(self.make, seen_by(self.make), dtype, nx, nu)
 
+    def same(self, other: "Cost") -> bool:
+        """Whether another cost is of the same functions, with the same weights, points and windows."""
+        plain = ("nx", "nu", "nodes", "steady", "points", "windows")
+        return (
+            self.make is other.make
+            and all(getattr(self, name) == getattr(other, name) for name in plain)
+            and np.array_equal(self.weights, other.weights)
+            and np.array_equal(self.fixed, other.fixed)
+        )
+
     def with_weights(self, weights: Any) -> "Cost":
         """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
         other = Cost(self.make, weights, self.nx, self.nu, self.nodes, steady=self.steady)

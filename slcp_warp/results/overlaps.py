@@ -13,22 +13,23 @@ OVERLAP = 1e-6  # from which on rows are said to overlap [m, rad]
 MOST = 8  # names in a text
 
 
-def overlaps(scene: Scene, gap: np.ndarray, most: int = MOST) -> str:
+def overlaps(scene: Scene, gap: np.ndarray, most: int = MOST, least: float = OVERLAP) -> str:
     """What overlaps, the deepest first: "ground/ball by 0.01", in how many worlds of several; or "".
 
     Args:
         scene: gives the names.
         gap: (B, nr) signed distances of rows [m, rad]; NaN: not known.
         most: names in the text.
+        least: what is no more does not overlap [m, rad].
     """
     depth: dict[str, np.ndarray] = {}
     for row, column in zip(scene.row_names, -gap.T):
         name = row.removesuffix(" +").removesuffix(" -")
         depth[name] = np.fmax(depth.get(name, column), column)
-    found = {name: each for name, each in depth.items() if (each > OVERLAP).any()}
+    found = {name: each for name, each in depth.items() if (each > least).any()}
     said = []
     for name, each in sorted(found.items(), key=lambda item: -np.nanmax(item[1])):
-        many = f" in {(each > OVERLAP).sum()} of {len(each)} worlds" if len(each) > 1 else ""
+        many = f" in {(each > least).sum()} of {len(each)} worlds" if len(each) > 1 else ""
         said.append(f"{name} by {np.nanmax(each):.3g}{many}")
     more = [f"and {len(said) - most} more"] if len(said) > most else []
     return ", ".join([*said[:most], *more])
@@ -49,9 +50,18 @@ def failed(
     worlds = np.flatnonzero(codes != Status.SOLVED)[:most]
     if not len(worlds):
         return []
-    said = (overlaps(scene, row[None], 3) or ("unknown" if np.isnan(row).any() else "nothing")
-            for row in gaps(worlds))  # fmt: skip
+    said = (_said(scene, row) for row in gaps(worlds))
     return [(int(i), Status(codes[i]).name, text) for i, text in zip(worlds, said)]
+
+
+def _said(scene: Scene, gap: np.ndarray) -> str:
+    """What overlaps in a state (nr,) that had no next one; by roundings alone what is wedged is lost, too."""
+    if found := overlaps(scene, gap[None], 3):
+        return found
+    if np.isnan(gap).any():
+        return "unknown"
+    least = overlaps(scene, gap[None], 3, 0.0)
+    return f"roundings: {least}; Options(depenetration_speed=) lets them stay" if least else "nothing"
 
 
 def failed_table(scene: Scene, status: Array, gaps: Callable[[np.ndarray], np.ndarray]) -> Table:
@@ -59,4 +69,4 @@ def failed_table(scene: Scene, status: Array, gaps: Callable[[np.ndarray], np.nd
     rows = failed(scene, status, gaps)
     count = int((np.ravel(to_numpy(status)) != Status.SOLVED).sum())
     title = "worlds that are not SOLVED" + (f", {len(rows)} of {count:,}" if count > len(rows) else "")
-    return Table(title, ("world", "status", "overlaps there"), rows, left=3, width=100)
+    return Table(title, ("world", "status", "overlaps there"), rows, left=3, width=160)

@@ -37,7 +37,7 @@ class TaskError(ArgumentError):
     """A task that describes no problem; the message names the field, what came and what is needed."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Task(Printed):
     """A problem to control, with its model and its judgement.
 
@@ -125,6 +125,20 @@ class Task(Printed):
         except (ArgumentError, ArgumentTypeError) as error:
             raise TaskError(f"Task.disturbances: {error}") from None
         self._check_names()
+
+    def __eq__(self, other: Any) -> bool:
+        """Whether all fields are the same: costs by their functions and weights, starts by their numbers."""
+        if not isinstance(other, Task):
+            return NotImplemented
+        plain = [each.name for each in fields(self) if each.name not in ("cost", "start")]
+        return (
+            all(getattr(self, name) == getattr(other, name) for name in plain)
+            and np.array_equal(self.start, other.start)
+            and self.cost.same(other.cost)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.horizon, self.duration))
 
     def _put_times(self) -> None:
         """The horizon and the duration, checked; a run without one is as long as a plan."""

@@ -1,5 +1,6 @@
 """Tasks in files: round trips, the schema, the examples, one clear error for everything else."""
 
+import dataclasses
 import json
 import pathlib
 import tomllib
@@ -297,3 +298,16 @@ def test_what_is_no_data_is_not_written(tmp_path):
     with pytest.raises(slcp.TaskFileError, match="tasks are written as .json, not as .toml"):
         slcp.save_task(task, tmp_path / "task.toml")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_tasks_are_equal_by_what_is_in_them():
+    """And not where anything differs; none of it is ambiguous."""
+    one, other = slcp.load_task(TOML), slcp.load_task(TOML)
+    assert one == other and hash(one) == hash(other) and len({one, other}) == 1
+    assert slcp.tasks.catch() == slcp.tasks.catch() != one
+    changed = [
+        one.replace(name="push"), one.replace(start=one.start + 1e-9), one.replace(duration=1.0),
+        one.replace(cost=one.cost.with_weights(np.where(one.cost.fixed, 1.0, 2.0) * one.cost.weights)),
+        one.replace(measures={}), one.replace(scene=dataclasses.replace(one.scene, step_size=0.01)),
+    ]  # fmt: skip
+    assert all(each != one for each in changed) and one != "shove"
