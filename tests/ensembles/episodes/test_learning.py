@@ -14,7 +14,7 @@ EXAMPLE = Path(__file__).parents[3] / "examples" / "ppo.py"
 
 @pytest.mark.slow
 def test_a_learner_learns_to_catch():
-    """From one in ten by chance to most within 14 rounds of 512 episodes, which all three seeds do; the policy
+    """From one in ten by chance to most within 14 rounds of 512 episodes, as all three seeds do; the policy
     that is left catches in a sweep's worlds, too.
     """
     pytest.importorskip("matplotlib")
