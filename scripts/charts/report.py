@@ -1,5 +1,6 @@
 """Pictures of a task's report and of any library: how often policies succeed, what plans gain."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from ..stages.task_sweep import tell_incomplete
 from .style import BLUE, CASES, GREY, plt, save
 
 Row = dict[str, Any]
+ACROSS = 5  # pictures beside each other
 
 
 def report_chart(file: Path, path: Path) -> Path:
@@ -25,24 +27,27 @@ def report_chart(file: Path, path: Path) -> Path:
     shares, spreads = (_by_key(rows) for rows in (report.summary, report.quantiles()))
     disturbed = [key for key in shares if key[3] == "disturbed"]
     shown = [m for m in report.measures if any(_finite(spreads[key][m]) for key in disturbed)]
-    height, width = 1.9 + 0.35 * len(disturbed), 4.0 + 2.6 * len(shown)
-    figure, axes = plt.subplots(1, 1 + len(shown), figsize=(width, height),
-                                layout="constrained", squeeze=False)  # fmt: skip
+    across = min(ACROSS, 1 + len(shown))
+    lines = math.ceil((1 + len(shown)) / across)
+    height, width = 0.9 + (1.0 + 0.35 * len(disturbed)) * lines, 1.4 + 2.6 * across
+    figure, grid = plt.subplots(lines, across, figsize=(width, height), layout="constrained", squeeze=False)
+    axes = grid.ravel()
     policies = list(dict.fromkeys(key[0] for key in disturbed))
     rows = np.arange(len(disturbed))[::-1]
     for row, key in zip(rows, disturbed):
         colour = CASES[policies.index(key[0]) % len(CASES)]
-        _success(axes[0, 0], shares[key], shares.get((*key[:3], "undisturbed")), row, colour)
-        for ax, name in zip(axes[0, 1:], shown):
+        _success(axes[0], shares[key], shares.get((*key[:3], "undisturbed")), row, colour)
+        for ax, name in zip(axes[1:], shown):
             _spread(ax, spreads[key][name], row, colour)
-    axes[0, 0].set_yticks(rows, [f"{policy}, {case}, h = {h:g}" for policy, case, h, _ in disturbed])
-    axes[0, 0].set_xlim(-3.0, 103.0)
-    axes[0, 0].set_xlabel("success [%]; ○ undisturbed")
-    for ax, name in zip(axes[0, 1:], shown):
+    axes[0].set_xlim(-3.0, 103.0)
+    for ax, name in zip(axes, ("success [%]; ○ undisturbed", *shown)):
         ax.set_yticks([])
         ax.set_xlabel(name)
-    for ax in axes[0]:
         ax.set_ylim(-0.6, len(disturbed) - 0.4)
+    for ax in grid[:, 0]:
+        ax.set_yticks(rows, [f"{policy}, {case}, h = {h:g}" for policy, case, h, _ in disturbed])
+    for ax in axes[1 + len(shown) :]:
+        ax.set_visible(False)
     notes = ["bars: success with its 95 % interval"]
     if shown:
         notes.append("of measures the median (○), the middle half (thick) and nine tenths (thin)")

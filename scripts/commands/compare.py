@@ -7,7 +7,7 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import comparison, report_table, tell_incomplete
+from ..stages.task_sweep import comparison, report_tables, tell_incomplete
 from ..support.options import Device, Seed, StepSize, refuse
 from ..support.policies import POLICY, named_policies
 from ..support.rules import HARD_RULE, RULES, HardRule, with_rules
@@ -107,5 +107,5 @@ def _of_report(path: Path, first: str | None, second: str | None, sequential: bo
         raise ValueError(f"{path} has the policy {there[0]!r} only; two are needed")
     differences = comparison(found, one, other, sequential)
     tell_incomplete(found, path)
-    console.print(report_table(found))
+    console.print(*report_tables(found), sep="\n")
     console.print(differences)

@@ -11,7 +11,7 @@ from slcp_warp.ensembles.stored.sweep import StoredSweep
 
 from ..stages.stored_sweep import Where, executor_of, finish_stored, opened_sweep
 from ..stages.sweep import cycle_states, run_sweep, sweep_table
-from ..stages.task_sweep import changed_task, report_table, sweep_task
+from ..stages.task_sweep import changed_task, report_tables, sweep_task
 from ..support.options import DEFAULT_SCENE, Device, SceneName, Seed, Settings, given_options, refuse
 from ..support.policies import MISSING, POLICY
 from ..support.rules import NO_RULES, Rules, residual_of, with_rules
@@ -195,7 +195,7 @@ def _sweep_task(path: Path, task: slcp.Task, policy: list[str] | None, choices: 
         report = sweep_task(task, policy, progress=progress, **choices)
     with warnings.catch_warnings(action="ignore"):  # of a .csv that does not say what the end here says
         report.save(path)
-    console.print(report_table(report))
+    console.print(*report_tables(report), sep="\n")
     wrote(path)
     _end(report.complete, sum(map(report.source.worlds, report.source.keys)))
 

@@ -17,7 +17,7 @@ from slcp_warp.runs.progress import shown
 
 from ..support.policies import of_python, policies_of_task, policy_name
 from ..support.screen import INTERRUPTED, console
-from .task_sweep import report_table
+from .task_sweep import report_tables
 
 TERMINATED = 128 + signal.SIGTERM
 
@@ -133,7 +133,7 @@ def finish_stored(stored: StoredSweep, where: Where) -> None:
     left = len(stored.store.missing())
     folder = stored.store.folder
     if chunk is None and stored.store.finished():
-        console.print(report_table(stored.report()))
+        console.print(*report_tables(stored.report()), sep="\n")
     typer.echo(f"{stored.job.count - left} of {stored.job.count} chunks are in {folder}")
     if outcome.signal or (not outcome.complete and chunk is None):
         typer.echo(f"slcp: interrupted; go on by: slcp sweep --resume {shlex.quote(str(folder))}", err=True)

@@ -20,6 +20,7 @@ from ..support.asking import steps_of_sweep, watched, worlds_of_sweep
 from ..support.policies import policies_of_task
 from .sweep import percent
 
+BESIDE = 6  # measures, at most, beside the success
 NONE = "none finite"  # of a measure in all worlds: a time that none reaches
 
 
@@ -39,18 +40,34 @@ def sweep_task(task: slcp.Task, given: Sequence[str] | None, **choices: Any) -> 
         policies = watched(policies, steps_of_sweep(task, *sizes), progress.say)
         progress(0, worlds_of_sweep(task, *sizes) * max(1, len(policies or ())))
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".*begin in overlap", RuntimeWarning)  # `report_table` says it
+        warnings.filterwarnings("ignore", ".*begin in overlap", RuntimeWarning)  # `report_tables` say it
         report: slcp.Report = slcp.sweep(task, policies, **choices)
     if not report.source.keys:
         raise KeyboardInterrupt
     return report
 
 
-def report_table(report: slcp.Report) -> Table:
-    """Success of every policy and case with its 95 % interval, undisturbed too, and means of the measures."""
-    measures = report.measures
+def report_tables(report: slcp.Report) -> list[Table]:
+    """Success of every policy and case with its 95 % interval, undisturbed too, and means of the measures: of
+    many in a table of their own.
+    """
+    if len(report.measures) <= BESIDE:
+        return [report_table(report, report.measures)]
+    rows = [row for row in report.summary if row["arm"] == ARMS[0]]
+    table = Table(title="means of measures", box=SIMPLE_HEAD, padding=0)
+    table.add_column("measure")
+    for row in rows:
+        table.add_column(f"{row['policy']}\n{row['case']}, h = {row['step_size']:g}", justify="right")
+    for name in report.measures:
+        table.add_row(name, *(_mean(row, name) for row in rows))
+    return [report_table(report, ()), table]
+
+
+def report_table(report: slcp.Report, measures: Sequence[str]) -> Table:
+    """The success of every policy and case with its 95 % interval, undisturbed too, and some means."""
     table = Table(
-        title="success with its 95 % interval, and undisturbed [%]; means of measures",
+        title="success with its 95 % interval, and undisturbed [%]"
+        + ("; means of measures" if measures else ""),
         box=SIMPLE_HEAD,
         padding=0,
     )

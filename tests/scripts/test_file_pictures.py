@@ -16,7 +16,7 @@ from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.scripts.charts import cycle
 from slcp_warp.scripts.charts import report as reports
 from slcp_warp.scripts.charts.files import chart_files, picture_names
-from slcp_warp.scripts.stages.task_sweep import NONE, comparison, report_table
+from slcp_warp.scripts.stages.task_sweep import NONE, comparison, report_tables
 from slcp_warp.scripts.support.records import RecordError
 
 
@@ -86,11 +86,38 @@ def test_what_never_happens_has_no_panel_and_no_nan(tmp_path, monkeypatch):
     reports.report_chart(path, tmp_path / "report.png")
     assert [ax.get_xlabel() for ax in drawn[0].axes] == ["success [%]; ○ undisturbed", "x"]
     assert drawn[0].get_supxlabel().endswith("failure_time, late")
-    for table in (report_table(never()), comparison(never(), "a", "b")):
+    for table in (*report_tables(never()), comparison(never(), "a", "b")):
         cells = {column.header: list(column.cells) for column in table.columns}
         assert set(cells["failure_time"]) == {NONE}
         assert not any("nan" in cell for column in cells.values() for cell in column)
     assert "nan" not in str(never()) and NONE in str(never())
+
+
+def many() -> slcp.Report:
+    """Two policies, judged by twelve measures."""
+    source = MemorySource()
+    for offset, policy in ((0, "a"), (100, "b")):
+        rows = {f"m{j}": offset + j + np.array([0.0, 0.5, 1.0]) for j in range(12)}
+        rows |= {"world": np.arange(3), "success": np.ones(3, bool), "status": np.zeros(3, np.int32)}
+        source.add((policy, "hard", 0.05, "disturbed"), rows)
+    return slcp.Report(None, source)
+
+
+def test_many_measures_have_rows_of_a_table_and_rows_of_pictures(tmp_path, monkeypatch):
+    success, means = report_tables(many())
+    assert [column.header for column in success.columns][-1] == "unsolved"
+    cells = {column.header: list(column.cells) for column in means.columns}
+    assert cells["measure"] == [f"m{j}" for j in range(12)]
+    assert cells["b\nhard, h = 0.05"][3] == "104" and cells["a\nhard, h = 0.05"][3] == "3.5"
+    drawn = []
+    monkeypatch.setattr(reports, "save", lambda figure, path: drawn.append(figure))
+    reports.report_chart(many().save(tmp_path / "report.csv"), tmp_path / "report.png")
+    seen = [ax.get_xlabel() for ax in drawn[0].axes if ax.get_visible()]
+    assert seen == ["success [%]; ○ undisturbed", *(f"m{j}" for j in range(12))]
+    width, height = drawn[0].get_size_inches()
+    assert width < 15.0 and height < 8.0
+    named = [ax.get_xlabel() for ax in drawn[0].axes if ax.get_visible() and ax.get_yticklabels()]
+    assert named == ["success [%]; ○ undisturbed", "m4", "m9"]
 
 
 def test_a_table_without_a_picture_is_named_before_any_is_drawn(tmp_path):

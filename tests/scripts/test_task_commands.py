@@ -18,7 +18,7 @@ from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.kernels.device import cache
 from slcp_warp.kernels.device.progress import recorded
 from slcp_warp.scripts.app import app
-from slcp_warp.scripts.stages.task_sweep import report_table
+from slcp_warp.scripts.stages.task_sweep import report_tables
 from slcp_warp.scripts.support.records import load_record
 from slcp_warp.scripts.watch.engine import Engine
 from slcp_warp.scripts.watch.scenario import buttons_of
@@ -249,7 +249,7 @@ def test_a_mean_that_leaves_worlds_out_says_so():
     source = MemorySource()
     part = {"world": np.arange(4), "success": np.ones(4, bool), "status": np.zeros(4, int)}
     source.add(("p", "hard", 0.02, "disturbed"), part | {"still": np.array([1.0, np.inf, 3.0, np.inf])})
-    table = report_table(slcp.Report(None, source))
+    (table,) = report_tables(slcp.Report(None, source))
     cells = {column.header: list(column.cells) for column in table.columns}
     assert cells["still"] == ["2 in 50.0 %"] and cells["undisturbed"] == [""]
 
