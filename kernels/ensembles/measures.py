@@ -21,10 +21,10 @@ SIGNALS = (
 (STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION, COST, POINT, DISTANCE) = range(len(SIGNALS))
 REDUCTIONS = (
     *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest", "accumulated"),
-    *("share_of_time", "first_time", "settled"),
+    *("share_of_time", "first_time", "settled", "count"),
 )
 (INITIAL, FINAL, RATE, MEAN, INTEGRAL, TOTAL, LARGEST, SMALLEST, ACCUMULATED,
- SHARE, FIRST, SETTLED) = range(len(REDUCTIONS))  # fmt: skip
+ SHARE, FIRST, SETTLED, COUNT) = range(len(REDUCTIONS))  # fmt: skip
 WIDTH = 5  # value, number of values, a second value and two times
 TOUCH = 1e-6  # impulse above which a contact counts as one [N s]
 FAR = 1e300  # distance where there is none [m]
@@ -245,6 +245,10 @@ def make_measures(
         elif what == wp.static(SETTLED):
             if v > ZERO and kept[i, j, 2] == ZERO:
                 kept[i, j, 0] = time
+            kept[i, j, 2] = v
+        elif what == wp.static(COUNT):
+            if v > ZERO and kept[i, j, 2] == ZERO:
+                kept[i, j, 0] = kept[i, j, 0] + ONE
             kept[i, j, 2] = v
         elif what == wp.static(INTEGRAL):
             kept[i, j, 0] = kept[i, j, 0] + v * h

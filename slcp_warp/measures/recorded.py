@@ -137,6 +137,8 @@ class Recorded:
             wrong = np.flatnonzero(~inside)
             after = 0 if not wrong.size else wrong[-1] + 1
             return when[after] if after < len(when) else np.inf
+        if measure.reduction == "count":
+            return float((inside & ~np.append(False, inside[:-1])).sum())
         ends = {"initial": inside[0], "final": inside[-1], "largest": inside.max(), "smallest": inside.min()}
         if measure.reduction in ends:
             return ends[measure.reduction]

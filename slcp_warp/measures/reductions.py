@@ -21,7 +21,7 @@ from .signals import (
 )
 from .signals import cost as step_cost
 
-OF_CONDITIONS = REDUCTIONS[-3:]
+OF_CONDITIONS = REDUCTIONS[-4:]
 
 
 @dataclass(frozen=True, repr=False)
@@ -156,6 +156,11 @@ def first_time(condition: Any, start: float = 0.0, end: float | None = None) -> 
 def settled(condition: Any, start: float = 0.0, end: float | None = None) -> Measure:
     """From when on a condition holds to the end [s]; infinite: not at the end."""
     return _of_condition("settled", condition, start, end)
+
+
+def count(condition: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """How often a condition becomes true, of a first step in which it holds once."""
+    return _of_condition("count", condition, start, end)
 
 
 def contact_share(pair: str | int | None = None) -> Measure:

@@ -22,6 +22,7 @@ MEASURES = {
     "gap": m.lowest_gap(),
     "force": m.integral(m.control(0)),
     "first": m.first_time(m.state("block.x") > 0.05),
+    "touches": m.count(m.contact() > 0.5),
 }
 DISTURBANCES = slcp.Disturbances(
     velocity=0.1, torque=0.3, parameters={"mass": 0.1}, kick_times=(0.0, 0.4, 0.403, 0.41, 0.9), kick=0.2

@@ -32,6 +32,7 @@ MEASURES = {
     "or": m.first_time((m.state("block.x") > 5.0) | (m.gap(PAIR) < 0.02)),
     "settled": m.settled(m.state("block.x") > 0.02),
     "never": m.settled(m.state("block.x") > 9.0),
+    "touches": m.count(m.contact() > 0.5),
     "contact": m.contact_share(),
     "gap": m.lowest_gap(PAIR),
     "far": m.largest(m.gap(PAIR)),
