@@ -25,7 +25,8 @@ def make_sweep_kernel(
     States are recorded where that is asked for; measures are taken, those of users' functions with `users`,
     and end a world where one of them says so. With `spans` a launch makes some of the steps, from
     `relay.next` on and before `last`, and worlds carry over what the next one needs; with a `fast` method,
-    too, a step that is not solved is left to the other kernel (`device/relay.py`).
+    too, a step that is not solved is left to the other kernel (`device/relay.py`), and nothing is told of
+    what steps begin from.
     """
     s, dtype, method = spec
     batch = make_batch(spec, AFTER if users.gaps else False)
@@ -145,7 +146,8 @@ def make_sweep_kernel(
                 u = disturb.acting(c, e, i, number, k, time, h, u)
                 if e.push.shape[1] > 0:
                     disturb.push(c, e, i, world.params, x, time, h)
-                disturb.tell(e, i, k, x, u)
+                if wp.static(not method.fast):
+                    disturb.tell(e, i, k, x, u)
                 sol = step.solve_step(world, x, u, carry)
                 after = step.next_state(world, x, sol)
                 code = batch.status_of(sol, after)

@@ -50,7 +50,8 @@ def replay(
             `Simulator.rollout`, for `Trajectory.contacts` and measures; NaN from a step on that was not
             solved, and nothing acts where the world had ended. Impulses and gaps are those of every step made
             once more; where it leads elsewhere, as contact with several solutions may, they are NaN, and a
-            RuntimeWarning says so.
+            RuntimeWarning says so. On a GPU a record takes the kernel without the fast path, whose states
+            are those of the sweep to rounding.
         case: options of the steps; None: the task's.
         seed: of the noise of single steps.
         step_size: [s]; None: the one that the worlds have, or the scene's.

@@ -9,6 +9,7 @@ from test_environment import EVERYTHING, SCENE, STEPS, task
 import slcp_warp as slcp
 from slcp_warp import measures as m
 from slcp_warp.ensembles.questions import made_again
+from slcp_warp.stepping import kernels
 
 K = -np.array([[9.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0]])
 GOAL = np.eye(8)[0] * 0.35
@@ -122,6 +123,19 @@ def test_records_end_where_a_step_is_not_solved(device):
         assert known[[0, 2]].all()
         last = int(known[1].sum())
         assert 10 < last < STEPS and known[1, :last].all()
+
+
+def test_where_fast_kernels_step_all_is_told_by_the_others(device, monkeypatch):
+    """As on a GPU: fast kernels write nothing of what steps begin from."""
+    monkeypatch.setattr(kernels, "takes_fast_path", lambda *_: True)
+    disturbed = task(EVERYTHING, failure=None, observation=None)
+    worlds = slcp.draw_worlds(disturbed, 5, dtype="float64", device=device)
+    given = {"case": HARD, "dtype": "float64", "device": device, "strategy": "specialised"}
+    plain = slcp.replay(disturbed, linear(), worlds, **given)
+    told = slcp.replay(disturbed, linear(), worlds, record=("controls", "impulse"), **given)
+    np.testing.assert_allclose(told.states, plain.states, rtol=1e-6, atol=1e-6)
+    assert np.isfinite(told.controls).all() and np.abs(told.controls).max() > 0.5
+    assert told.recorded("impulse").max() > 0.01
 
 
 def test_worlds_are_drawn_by_their_numbers():
