@@ -221,6 +221,7 @@ def make_measures(
     ):
         """One more value of measure j."""
         fresh = kept[i, j, 1] == ZERO
+        kept[i, j, 1] = kept[i, j, 1] + ONE  # before any branch, where Warp would make a variable of ONE
         if what == wp.static(INITIAL):
             if fresh:
                 kept[i, j, 0] = v
@@ -254,7 +255,6 @@ def make_measures(
             kept[i, j, 0] = kept[i, j, 0] + v * h
         else:
             kept[i, j, 0] = kept[i, j, 0] + v
-        kept[i, j, 1] = kept[i, j, 1] + ONE
 
     @wp.func
     def ended(m: Measures, kept: wp.array3d(dtype=wp.float64), i: int):

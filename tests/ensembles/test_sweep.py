@@ -173,14 +173,17 @@ def test_save_and_load(device, tmp_path):
 
 
 def test_memory_does_not_grow_with_the_worlds(monkeypatch):
-    sizes, original = [], run_worlds.launch
+    sizes = []
 
-    def measure(kernel, dim, inputs, *rest, **options):
-        sizes.append(sum(a.capacity for a in inputs if isinstance(a, wp.array)))
-        return original(kernel, dim, inputs, *rest, **options)
+    def measured(original):
+        def measure(kernel, dim, inputs, *rest, **options):
+            sizes.append(sum(a.capacity for a in inputs if isinstance(a, wp.array)))
+            return original(kernel, dim, inputs, *rest, **options)
 
-    monkeypatch.setattr(run_worlds, "launch", measure)
-    monkeypatch.setattr(draws, "launch", measure)
+        return measure
+
+    monkeypatch.setattr(run_worlds, "Prepared", measured(run_worlds.Prepared))
+    monkeypatch.setattr(draws, "launch", measured(draws.launch))
     monkeypatch.setattr(launches, "CHUNK_BYTES", 64_000)
     run(worlds=400, duration=1.0)
     few, count = max(sizes), len(sizes)
