@@ -73,7 +73,7 @@ def check_trajectory(arrays: Arrays, simulated: Simulated) -> None:
     names = [name for name in need if name != "gap"]  # of what does not act it is infinite
     own = {name: arrays[name][solved] for name in names}
     for name in ("impulse", "contact_impulse"):
-        if name in own:  # of a step that was made once more all may be unknown
-            own[name] = own[name].reshape(*own[name].shape[:2], -1)
-            own[name] = own[name][~np.isnan(own[name]).all(axis=2)]
+        if name in own:  # of a step that was made once more all may be unknown; without friction 0 is known
+            normal = own[name] if name == "impulse" else own[name][..., 0]
+            own[name] = own[name][~np.isnan(normal).all(axis=2)]
     finite(own, *names)

@@ -242,7 +242,8 @@ class Environment(Printed):
             "start_overlap": seen[:, OVERLAP],
             "unsolved_time": seen[:, STOPPED],
         }
-        columns = columns_of(self.task, self._judged, found, self._numbers[slots])
+        judged = self._judged[:-1]  # the last one is of a step alone
+        columns = columns_of(self.task, judged, found, self._numbers[slots])
         steps = self._running.next.numpy()[slots]
         return {"slot": slots, **columns, "steps": steps, "return": self._paid[slots]}
 

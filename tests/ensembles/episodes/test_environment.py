@@ -35,7 +35,8 @@ def task(disturbances=EVERYTHING, **changes):
         "name": "push", "scene": SCENE, "horizon": STEPS, "cost": COST, "control_limits": (-1.0, 4.0),
         "start": SCENE.x0 + np.outer([0.0, 0.05, 0.1], np.eye(8)[0]), "disturbances": disturbances,
         "measures": {"x": m.final("block.x"), "push": m.impulse(), "cost": m.cost()},
-        "success": m.final("block.x") > 0.75, "failure": m.state("block.x") > 1.1, "observation": SEEN,
+        "success": (m.final("block.x") > 0.75) & (m.cost() < 9.0), "failure": m.state("block.x") > 1.1,
+        "observation": SEEN,
     }  # fmt: skip
     return slcp.Task(**{**fields, **changes})
 
@@ -295,7 +296,10 @@ def test_rows_are_copied_on_a_device_as_on_a_host(device, shape):
         (lambda: slcp.Environment(task(), reward="x"), "reward is a str"),
         (lambda: slcp.Environment(task(), reward=m.final("block.x")), "which does not add up"),
         (lambda: slcp.Environment(task(), reward=m.total("nobody.x")), "nobody.x"),
-        (lambda: slcp.Environment(task(cost=slcp.costs.NO_COST, measures={})), "reward is None"),
+        (
+            lambda: slcp.Environment(task(cost=slcp.costs.NO_COST, measures={}, success=None)),
+            "reward is None",
+        ),
         (lambda: slcp.Environment(task(), period=1e-3), "period is 0.001"),
         (lambda: slcp.Environment(task(), autoreset="never"), "autoreset is 'never'"),
         (lambda: slcp.Environment(task(), step_size=0.0), "step_size is 0"),
