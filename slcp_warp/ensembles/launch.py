@@ -157,7 +157,7 @@ class Case:
             policy = OnHost(self.sim, policy, self.conditions, worlds)
         written = Written(records, nothing_noted(self.sim, count), told)
         whole = told is not None and self.roll_out is handed_on  # fast kernels tell nothing
-        roll_out = at_once if whole else self.roll_out
+        roll_out: Any = at_once if whole else self.roll_out
         kept, status = roll_out(self.sim, policy, self.conditions, self.table, worlds, written)
         seen = written.noted.numpy()
         found = {

@@ -168,7 +168,7 @@ class Trajectory(Printed):
         """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded; one number of one
         world without an axis of worlds.
 
-        NaN, and no success, of worlds that are not SOLVED, or of which impulses are not known.
+        NaN, and no success, of worlds that are not SOLVED.
 
         Raises:
             ArgumentError: it looks at what was not recorded (controls; "impulse" for contacts; "gap"), or at
@@ -184,8 +184,6 @@ class Trajectory(Printed):
         seen["impulse"] = None if self.impulse is None else self._by_pair[..., 0]
         seen["gap"] = None if seen["gap"] is None else pair_gap(self.scene, seen["gap"])
         solved = self.recorded("status") == Status.SOLVED
-        if seen["impulse"] is not None:  # of steps made once more it may be unknown
-            solved = solved & np.isfinite(seen["impulse"]).all(axis=(1, 2))
         own = self._known().select(solved).parameters["step_size"]
         of = {name: None if array is None else array[solved] for name, array in seen.items()}
         worlds = Recorded(self.scene, own, self.recorded("states")[solved], **of)

@@ -1,11 +1,12 @@
 """Controls, impulses and gaps of steps that a sweep's kernels made: these steps, once more, one by one."""
 
-import warnings
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from ...inputs.errors import ArgumentError
 from ...options import Status
 from ...parameters import Parameters
 from ...simulator import Simulator
@@ -22,12 +23,16 @@ def steps_told(sim: Simulator, worlds: int, steps: int) -> wp.array:
 
 
 def recorded(
-    sim: Simulator, told: np.ndarray, unsolved_time: np.ndarray, step_size: float, params: Parameters
+    sim: Simulator,
+    told: np.ndarray,
+    unsolved_time: np.ndarray,
+    step_size: float,
+    params: Parameters,
+    wanted: Collection[str],
 ) -> dict[str, np.ndarray]:
     """Controls (B, N, nu) as they acted, impulse and gap (B, N, nr) of every step.
 
-    NaN from a step on that was not solved; where a world had ended nothing acts. Warns of steps that lead
-    elsewhere when they are made alone, as contact with several solutions may: their impulses are NaN.
+    NaN from a step on that was not solved; where a world had ended nothing acts.
 
     Args:
         sim: whose steps they are.
@@ -35,6 +40,11 @@ def recorded(
         unsolved_time: (B,) when the step began that was not solved [s]; infinite: all were.
         step_size: [s].
         params: of the worlds.
+        wanted: of these, what is recorded.
+
+    Raises:
+        ArgumentError: a step that leads elsewhere when it is made alone, as contact with several solutions
+            may, and impulses are wanted.
     """
     worlds, steps, _ = told.shape
     nx, nu = sim.nx, sim.nu
@@ -54,15 +64,12 @@ def recorded(
             same &= _arrives(step.state, told[:, k + 1, :nx], x, step_size) | (k + 1 >= ends)
         elsewhere |= made & goes & ~same
         out["controls"][goes, k], out["gap"][goes, k] = u[goes], step.gap[goes]
-        out["impulse"][goes, k] = np.where((made & same)[goes, None], step.impulse[goes], 0.0)
-        out["impulse"][made & goes & ~same, k] = np.nan
-    if elsewhere.any():
+        out["impulse"][goes, k] = np.where(made[goes, None], step.impulse[goes], 0.0)
+    if "impulse" in wanted and elsewhere.any():
         some = ", ".join(map(str, np.flatnonzero(elsewhere)[:8]))
-        warnings.warn(
-            f"steps of {elsewhere.sum()} worlds lead elsewhere when they are made alone, and their impulses "
-            f"are not known (NaN): {some}",
-            RuntimeWarning,
-            stacklevel=3,
+        raise ArgumentError(
+            f"record has impulse, and steps of {elsewhere.sum()} worlds lead elsewhere when they are made "
+            f"alone, so that theirs are not known; leave out the worlds at {some}, or the record"
         )
     return out
 
