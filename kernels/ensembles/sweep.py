@@ -179,9 +179,7 @@ def make_sweep_kernel(
             span.p.steps[i] = steps
             relay.next[i] = end
             if end < steps:
-                if (
-                    end < last and relay.queue.shape[0] > 0
-                ):  # without a queue nobody waits for the next launch
+                if end < last and relay.queue.shape[0] > 0:  # without a queue nobody waits
                     hand_on(relay, slot, i)
                 return
         measures.look(m, kept, i, wp.float64(steps) * h, h, x, u, touching, 1)

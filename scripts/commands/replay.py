@@ -41,10 +41,11 @@ def replay_command(
 
     The file holds states, controls as they acted, impulses and gaps; `slcp watch --replay` shows it.
     """
-    ways = given_options(context) & {"report", "world", "given"}
+    chosen_options = given_options(context)
+    ways = chosen_options & {"report", "world", "given"}
     if len(ways) != 1:
         raise ValueError("one of --report FILE, --world N and --given FILE is needed")
-    if most != 8 and report is None:
+    if "most" in chosen_options and report is None:
         raise ValueError("--most is of --report")
     path, chosen = prepared(out), slcp.load_task(task)
     own = None if given is None else slcp.load_worlds(given)

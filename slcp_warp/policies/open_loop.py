@@ -19,7 +19,7 @@ SAME = 1e-6  # of a step: times that differ by less are the same
 
 
 class OpenLoop:
-    """u = us_k in step k, whatever is seen; beyond the end the last controls are held.
+    """u = us_k in step k, (M36) without feedback; beyond the end the last controls are held.
 
     A function of time is its values at the steps: `OpenLoop(np.sin(w * h * np.arange(N))[:, None], h)`.
 
