@@ -37,8 +37,19 @@ def test_an_undisturbed_world_has_the_records_of_a_rollout(device, strategy, cas
     for name in ("controls", "impulse", "gap"):
         a, b = run.recorded(name), own.recorded(name)
         assert np.isfinite(b).all()
+        if name == "impulse" and case is HARD:
+            a, b = of_the_block(a), of_the_block(b)
         np.testing.assert_allclose(a, b, rtol=1e-7, atol=1e-9, err_msg=name)
     assert own.recorded("impulse").max() > 0.1
+
+
+def of_the_block(impulse):
+    """What hard contact determines of the four rows' impulses: the pusher's friction acts on the block above
+    the corner beside it, so one more of it and one less of that corner's support are the same motion.
+    """
+    corner, other, upward, downward = np.moveaxis(impulse, -1, 0)
+    friction = SCENE.contacts[-1].friction * (upward - downward)
+    return np.stack([corner + friction, other, upward + downward], -1)
 
 
 @pytest.mark.parametrize("policy", [linear(), host()], ids=["kernel", "host"])
