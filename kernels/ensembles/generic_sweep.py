@@ -15,9 +15,10 @@ from ..policies.contract import PolicyKernel, make_policy
 from ..status import NONFINITE, SOLVED
 from ..structure import STEP_SIZE
 from .arrival import OVERLAP, STOPPED, make_span
+from .contacts import make_listed_contacts
 from .disturbances import END, make_conditions, make_disturbances, make_events
 from .generic_rollout import make_world
-from .measures import NO_USERS, Users, make_listed_contacts, make_measures, make_tables
+from .measures import NO_USERS, Users, make_measures, make_tables
 
 
 @cached

@@ -12,6 +12,7 @@ import warp as wp
 from ..control.cost_points import make_reach
 from ..device.compile import translate
 from ..factories import cached
+from .contacts import TOUCH
 from .disturbances import ROUNDING, SINGLE
 
 SIGNALS = (
@@ -26,8 +27,6 @@ REDUCTIONS = (
 (INITIAL, FINAL, RATE, MEAN, INTEGRAL, TOTAL, LARGEST, SMALLEST, ACCUMULATED,
  SHARE, FIRST, SETTLED, COUNT) = range(len(REDUCTIONS))  # fmt: skip
 WIDTH = 5  # value, number of values, a second value and two times
-TOUCH = 1e-6  # impulse above which a contact counts as one [N s]
-FAR = 1e300  # distance where there is none [m]
 ABSOLUTE, SINCE, BOTH = 1, 2, 3  # how a signal is taken: absolute, less its value at the start
 NONE = -1  # no state to take off
 
@@ -263,85 +262,6 @@ def make_measures(
         return kept[i, m.ends, 2] > ZERO
 
     return SimpleNamespace(look=look, ended=ended)
-
-
-@cached
-def make_contacts(pairs: int) -> SimpleNamespace:
-    """Contacts of a step as vectors over the pairs."""
-    VP = wp.types.vector(max(pairs, 1), wp.float64)
-
-    @wp.struct
-    class Contacts:
-        impulse: VP  # normal [N s]
-        distance: VP  # [m], with `Users.gaps`
-
-    @wp.func
-    def none():
-        """Nothing touches."""
-        c = Contacts()
-        for p in range(pairs):
-            c.distance[p] = wp.float64(FAR)
-        return c
-
-    @wp.func
-    def push(c: Contacts, first: int, end: int):
-        most = wp.float64(0.0)
-        for p in range(pairs):
-            if p >= first and p < end:
-                most = wp.max(most, c.impulse[p])
-        return most
-
-    @wp.func
-    def impulse(c: Contacts, first: int, end: int):
-        total = wp.float64(0.0)
-        for p in range(pairs):
-            if p >= first and p < end:
-                total += c.impulse[p]
-        return total
-
-    @wp.func
-    def gap(c: Contacts, first: int, end: int):
-        least = wp.float64(FAR)
-        for p in range(pairs):
-            if p >= first and p < end:
-                least = wp.min(least, c.distance[p])
-        return least
-
-    return SimpleNamespace(Contacts=Contacts, none=none, push=push, impulse=impulse, gap=gap)
-
-
-@cached
-def make_listed_contacts() -> SimpleNamespace:
-    """Contacts of a step in memory, of any number of pairs."""
-
-    @wp.struct
-    class Contacts:
-        impulse: wp.array(dtype=wp.float64)  # (pairs,) normal [N s]
-        distance: wp.array(dtype=wp.float64)  # (pairs,) [m], with `Users.gaps`
-        on: int  # 0: nothing touches
-
-    @wp.func
-    def push(c: Contacts, first: int, end: int):
-        most = wp.float64(0.0)
-        for p in range(first, end * c.on):
-            most = wp.max(most, c.impulse[p])
-        return most
-
-    @wp.func
-    def impulse(c: Contacts, first: int, end: int):
-        total = wp.float64(0.0)
-        for p in range(first, end * c.on):
-            total += c.impulse[p]
-        return total
-
-    @wp.func
-    def gap(c: Contacts, first: int, end: int):
-        least = wp.float64(FAR)
-        for p in range(first, end * c.on):
-            least = wp.min(least, c.distance[p])
-        return least
-
-    return SimpleNamespace(Contacts=Contacts, push=push, impulse=impulse, gap=gap)
 
 
 def make_price(cost: Any, VX: type, VU: type, dtype: type) -> Any:

@@ -12,8 +12,9 @@ from ..step.reach import AFTER
 from ..step.rollout import make_batch
 from ..structure import layout
 from .arrival import OVERLAP, STOPPED, make_span
+from .contacts import make_contacts
 from .disturbances import END, make_conditions, make_disturbances, make_events
-from .measures import NO_USERS, Users, make_contacts, make_measures, make_tables
+from .measures import NO_USERS, Users, make_measures, make_tables
 
 
 @cached

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.kernels.ensembles.contacts import TOUCH
 from slcp_warp.kernels.ensembles.disturbances import ROUNDING, SINGLE
-from slcp_warp.kernels.ensembles.measures import NONE, TOUCH
+from slcp_warp.kernels.ensembles.measures import NONE
 
 from ..description.points import AXES, Point, position
 from ..description.scene import Scene

@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.ensembles import measures as kernels
+from slcp_warp.kernels.ensembles.contacts import FAR
 
 from ..description.points import AXES, Point, point_numbers
 from ..description.scene import Scene
@@ -14,7 +15,7 @@ from ..inputs.user_code import Known, check_indices, of_user
 from .reductions import Measure
 from .signals import OF_CONTACTS, Condition, Signal
 
-INFINITE = 1e-50 * kernels.FAR  # what a mean or an integral of one FAR is above, whatever the steps
+INFINITE = 1e-50 * FAR  # what a mean or an integral of one FAR is above, whatever the steps
 
 
 def priced(measures: Sequence[Measure]) -> bool:
@@ -112,7 +113,7 @@ class MeasureTable:
         if self._points:
             points = [0.0, *point_numbers(self._scene, self._points, 1), 0.0]
             out.points = wp.array(np.array([points]), dtype=sim.dtype, device=device)
-        window = [(each.start, kernels.FAR if each.end is None else each.end) for each in self._all]
+        window = [(each.start, FAR if each.end is None else each.end) for each in self._all]
         for name, values, width, kind in (
             ("signal", self._signals, 5, np.int32),
             ("bounds", self._bounds, 2, np.float64),

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.ensembles.measures import TOUCH
+from slcp_warp.kernels.ensembles.contacts import TOUCH
 
 from ...description.scene import Scene
 
