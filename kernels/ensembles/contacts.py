@@ -11,14 +11,20 @@ FAR = 1e300  # distance where there is none [m]
 
 
 @cached
-def make_contacts(pairs: int) -> SimpleNamespace:
-    """Contacts of a step as vectors over the pairs."""
+def make_contacts(pairs: int, slips: bool, rubs: bool) -> SimpleNamespace:
+    """Contacts of a step as vectors over the pairs; `slips`: how fast they slide is among them; `rubs`: their
+    tangential impulses are.
+    """
     VP = wp.types.vector(max(pairs, 1), wp.float64)
+    VS = wp.types.vector(max(pairs if slips else 0, 1), wp.float64)
+    VT = wp.types.vector(max(pairs if rubs else 0, 1), wp.float64)
 
     @wp.struct
     class Contacts:
         impulse: VP  # normal [N s]
         distance: VP  # [m], with `Users.gaps`
+        slip: VS  # [m/s] of what pushes, with `Users.slips`
+        rub: VT  # tangential impulse [N s], with `Users.rubs`
 
     @wp.func
     def none():
@@ -52,7 +58,25 @@ def make_contacts(pairs: int) -> SimpleNamespace:
                 least = wp.min(least, c.distance[p])
         return least
 
-    return SimpleNamespace(Contacts=Contacts, none=none, push=push, impulse=impulse, gap=gap)
+    @wp.func
+    def slip(c: Contacts, first: int, end: int):
+        fastest = wp.float64(0.0)
+        for p in range(wp.static(pairs if slips else 0)):
+            if p >= first and p < end:
+                fastest = wp.where(wp.abs(c.slip[p]) > wp.abs(fastest), c.slip[p], fastest)
+        return fastest
+
+    @wp.func
+    def rub(c: Contacts, first: int, end: int):
+        total = wp.float64(0.0)
+        for p in range(wp.static(pairs if rubs else 0)):
+            if p >= first and p < end:
+                total += c.rub[p]
+        return total
+
+    return SimpleNamespace(
+        Contacts=Contacts, none=none, push=push, impulse=impulse, gap=gap, slip=slip, rub=rub
+    )
 
 
 @cached
@@ -63,6 +87,8 @@ def make_listed_contacts() -> SimpleNamespace:
     class Contacts:
         impulse: wp.array(dtype=wp.float64)  # (pairs,) normal [N s]
         distance: wp.array(dtype=wp.float64)  # (pairs,) [m], with `Users.gaps`
+        slip: wp.array(dtype=wp.float64)  # (pairs,) [m/s] of what pushes, with `Users.slips`
+        rub: wp.array(dtype=wp.float64)  # (pairs,) tangential impulse [N s], with `Users.rubs`
         on: int  # 0: nothing touches
 
     @wp.func
@@ -86,4 +112,18 @@ def make_listed_contacts() -> SimpleNamespace:
             least = wp.min(least, c.distance[p])
         return least
 
-    return SimpleNamespace(Contacts=Contacts, push=push, impulse=impulse, gap=gap)
+    @wp.func
+    def slip(c: Contacts, first: int, end: int):
+        fastest = wp.float64(0.0)
+        for p in range(first, end * c.on):
+            fastest = wp.where(wp.abs(c.slip[p]) > wp.abs(fastest), c.slip[p], fastest)
+        return fastest
+
+    @wp.func
+    def rub(c: Contacts, first: int, end: int):
+        total = wp.float64(0.0)
+        for p in range(first, end * c.on):
+            total += c.rub[p]
+        return total
+
+    return SimpleNamespace(Contacts=Contacts, push=push, impulse=impulse, gap=gap, slip=slip, rub=rub)

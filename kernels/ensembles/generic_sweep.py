@@ -9,16 +9,16 @@ import warp as wp
 from ..contact.problem import COLD
 from ..device.compile import packed
 from ..factories import cached
-from ..generic.topology import CONTACT, Topology
+from ..generic.topology import Topology
 from ..generic.work import ROWS, WORK, Slot, Work, view
 from ..policies.contract import PolicyKernel, make_policy
 from ..status import NONFINITE, SOLVED
 from ..structure import STEP_SIZE
 from .arrival import OVERLAP, STOPPED, make_span
-from .contacts import make_listed_contacts
 from .disturbances import END, make_conditions, make_disturbances, make_events
 from .generic_rollout import make_world
 from .measures import NO_USERS, Users, make_measures, make_tables
+from .pushing import make_listed_pushing
 
 
 @cached
@@ -32,7 +32,9 @@ def make_generic_sweep_kernel(
     asked = make_policy(policy, 2 * nv, nu, given)
     disturb = make_disturbances(nv, nu, given)
     Conditions, Events, Policy = make_conditions(given), make_events(given), asked.Struct
-    Span, Measures, contacts = make_span(given), make_tables(given), make_listed_contacts()
+    Span, Measures = make_span(given), make_tables(given)
+    pushing = make_listed_pushing(given, residual, one.step, users)
+    contacts, contacts_of = pushing.contacts, pushing.contacts_of
     measures = make_measures(2 * nv, nu, given, contacts, users)
     VX, VU = wp.types.vector(2 * nv, given), wp.types.vector(max(nu, 1), given)
     ZERO, UNUSED = WORK(0.0), WORK(COLD)
@@ -43,23 +45,6 @@ def make_generic_sweep_kernel(
         for j in range(2 * nv):
             out[j] = x[i, j]
         return out
-
-    @wp.func
-    def contacts_of(t: wp.ref[Topology], k: wp.ref[Slot], c: contacts.Contacts, h: wp.float64):
-        """Normal impulses of the pairs that act, and where they are looked at all distances."""
-        for pair in range(t.pairs):
-            c.impulse[pair] = ZERO
-            if wp.static(users.gaps and residual != "none"):
-                if k.known[pair] == 0:
-                    c.distance[pair] = one.step.far_gap(t, k, pair)
-        for r in range(k.count[wp.static(ROWS)]):
-            i = k.row[r]
-            if t.row_kind[i] == wp.static(CONTACT):
-                pair = t.row_index[i]
-                if wp.static(users.gaps):
-                    c.distance[pair] = one.step.row_gap(t, k, r)
-                if k.acting[r] > 0:
-                    c.impulse[pair] = c.impulse[pair] + k.lam[r]
 
     @wp.func
     def overlap(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -100,6 +85,8 @@ def make_generic_sweep_kernel(
         work: Work,
         impulse: wp.array2d(dtype=wp.float64),  # (0 or slots, pairs) where contacts are looked at
         distance: wp.array2d(dtype=wp.float64),
+        slips: wp.array2d(dtype=wp.float64),
+        rubs: wp.array2d(dtype=wp.float64),
         c: Conditions,
         e: Events,
         params: wp.array2d(dtype=given),  # (B, P)
@@ -127,6 +114,8 @@ def make_generic_sweep_kernel(
         if impulse.shape[0] > 0:
             touching.impulse = impulse[b]
             touching.distance = distance[b]
+            touching.slip = slips[b]
+            touching.rub = rubs[b]
         u = VU()
         begin = int(0)
         end = steps

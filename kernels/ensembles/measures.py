@@ -12,14 +12,15 @@ import warp as wp
 from ..control.cost_points import make_reach
 from ..device.compile import translate
 from ..factories import cached
-from .contacts import TOUCH
+from .contacts import FAR, TOUCH
 from .disturbances import ROUNDING, SINGLE
 
 SIGNALS = (
     *("state", "cosine", "control", "time", "contact", "gap", "impulse", "function", "cost"),
-    *("point", "distance"),
+    *("point", "distance", "slip", "tangential_impulse", "normal_force", "tangential_force"),
 )
-(STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION, COST, POINT, DISTANCE) = range(len(SIGNALS))
+(STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION, COST, POINT, DISTANCE, SLIP, RUB, FORCE,
+ RUBBING) = range(len(SIGNALS))  # fmt: skip
 REDUCTIONS = (
     *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest", "accumulated"),
     *("share_of_time", "first_time", "settled", "count"),
@@ -39,6 +40,11 @@ class Users(NamedTuple):
     relative: bool = False  # whether a signal is absolute, or less its value at the start
     gaps: bool = False  # whether a signal is a gap, which is then known of all pairs in every step
     points: bool = False  # whether a signal is of a point of a body
+    slips: bool = False  # whether a signal is how fast a pair slides, which is then known of those that push
+    forces: bool = False  # whether a signal is a force, impulse over step size
+    rubs: bool = False  # whether a signal is tangential, impulse or force
+    scattered: bool = False  # whether a signal is of pairs that are not one after the other
+    where: bool = False  # whether a measure counts the steps of a condition alone
 
 
 NO_USERS = Users()
@@ -50,14 +56,17 @@ def make_tables(dtype: type) -> type:
 
     @wp.struct
     class Measures:
-        # (S, 5): kind, place or first pair, state to take off or pairs' end, how, measure to take off
+        # (S, 5): kind, place or first pair, state to take off or end of the pairs, how, measure to take off
         signal: wp.array2d(dtype=wp.int32)
         since: int  # of the last measures, which come first in a step: what relative signals began with
         bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
         compared: wp.array(dtype=wp.int32)  # (A,): its signal
         clause: wp.array2d(dtype=wp.int32)  # (C, 2): first comparison of a clause, and one after the last
-        measure: wp.array2d(dtype=wp.int32)  # (M, 5): reduction, signal or NONE, clauses from, to, 1: always
+        # (M, 7): reduction, signal or NONE, its clauses from, to, 1: always, clauses where it counts from, to
+        measure: wp.array2d(dtype=wp.int32)
         window: wp.array2d(dtype=wp.float64)  # (M, 2): start, end [s]
+        # (R, 2): first pair and end, where a signal's pairs are ranges of these, with `Users.scattered`
+        ranges: wp.array2d(dtype=wp.int32)
         ends: int  # measure, a first time, that ends a world; NONE: none does
         weights: wp.array2d(dtype=dtype)  # (1, P) of the cost
         points: wp.array2d(dtype=dtype)  # (1, P) as in a cost of no terms (control/cost_points.py)
@@ -79,7 +88,8 @@ def make_measures(
         dtype: of states and controls.
         contacts: struct `Contacts` of a step's contacts and what reads it, in float64, of the pairs first,
             ..., end - 1: `push(c, first, end)`, the largest normal impulse; `impulse(c, first, end)`, their
-            sum; `gap(c, first, end)`, the lowest distance, FAR where there is no pair.
+            sum; `gap(c, first, end)`, the lowest distance, FAR where there is no pair; `slip(c, first, end)`,
+            the fastest; `rub(c, first, end)`, tangential impulses together.
         users: their functions are (x, u, time), of signals of kind FUNCTION.
     """
     Measures = make_tables(dtype)
@@ -98,6 +108,45 @@ def make_measures(
         return ZERO
 
     @wp.func
+    def joined(m: Measures, s: int, c: Contacts):
+        """A signal of contacts, of several ranges of pairs."""
+        kind = m.signal[s, 0]
+        out = wp.where(kind == wp.static(GAP), wp.float64(wp.static(FAR)), wp.float64(0.0))
+        for n in range(m.signal[s, 1], m.signal[s, 2]):
+            first, end = m.ranges[n, 0], m.ranges[n, 1]
+            if kind == wp.static(CONTACT):
+                out = wp.max(out, contacts.push(c, first, end))
+            elif kind == wp.static(GAP):
+                out = wp.min(out, contacts.gap(c, first, end))
+            elif kind == wp.static(IMPULSE) or kind == wp.static(FORCE):
+                out += contacts.impulse(c, first, end)
+            elif kind == wp.static(SLIP):
+                slip = contacts.slip(c, first, end)
+                out = wp.where(wp.abs(slip) > wp.abs(out), slip, out)
+            else:
+                out += contacts.rub(c, first, end)
+        return out
+
+    @wp.func
+    def of_contacts(m: Measures, s: int, h: wp.float64, c: Contacts):
+        """A signal of contacts, where they are scattered, or it is none of the plain ones."""
+        kind, first, end = m.signal[s, 0], m.signal[s, 1], m.signal[s, 2]
+        value = wp.float64(0.0)
+        if wp.static(users.scattered):
+            value = joined(m, s, c)
+        elif kind == wp.static(SLIP):
+            value = contacts.slip(c, first, end)
+        elif kind == wp.static(FORCE):
+            value = contacts.impulse(c, first, end)
+        else:
+            value = contacts.rub(c, first, end)
+        if kind == wp.static(CONTACT):
+            value = wp.where(value > wp.float64(TOUCH), ONE, ZERO)
+        if kind == wp.static(FORCE) or kind == wp.static(RUBBING):
+            value = value / h
+        return value
+
+    @wp.func
     def plain(m: Measures, s: int, x: VX, u: VU, time: wp.float64, h: wp.float64, last: int, c: Contacts):
         """A signal as it is."""
         kind, place = m.signal[s, 0], m.signal[s, 1]
@@ -112,12 +161,18 @@ def make_measures(
             return wp.float64(u[place])
         if kind == wp.static(TIME):
             return time
+        if wp.static(users.scattered):
+            if kind == wp.static(CONTACT) or kind == wp.static(GAP) or kind == wp.static(IMPULSE):
+                return of_contacts(m, s, h, c)
         if kind == wp.static(CONTACT):
             return wp.where(contacts.push(c, place, m.signal[s, 2]) > wp.float64(TOUCH), ONE, ZERO)
         if kind == wp.static(GAP):
             return contacts.gap(c, place, m.signal[s, 2])
         if kind == wp.static(IMPULSE):
             return contacts.impulse(c, place, m.signal[s, 2])
+        if wp.static(users.slips or users.forces or users.rubs):
+            if kind >= wp.static(SLIP):
+                return of_contacts(m, s, h, c)
         if wp.static(users.points):
             if kind == wp.static(POINT):
                 return coordinate(m, place, x) - wp.where(
@@ -159,7 +214,8 @@ def make_measures(
         m: Measures,
         kept: wp.array3d(dtype=wp.float64),
         i: int,
-        j: int,
+        begin: int,
+        end: int,
         x: VX,
         u: VU,
         time: wp.float64,
@@ -167,8 +223,8 @@ def make_measures(
         last: int,
         c: Contacts,
     ):
-        """1 where a clause of measure j's condition holds, else 0."""
-        for n in range(m.measure[j, 2], m.measure[j, 3]):
+        """1 where one of the clauses begin, ..., end - 1 holds, else 0."""
+        for n in range(begin, end):
             every = int(1)
             for a in range(m.clause[n, 0], m.clause[n, 1]):
                 value = signal(m, kept, i, m.compared[a], x, u, time, h, last, c)
@@ -199,11 +255,15 @@ def make_measures(
             if not counts:
                 about = time + EPS * h + PART * time
                 counts = about >= m.window[j, 0] and about < m.window[j, 1]
+            if wp.static(users.where):
+                if counts and m.measure[j, 5] < m.measure[j, 6]:
+                    kept_to = holds(m, kept, i, m.measure[j, 5], m.measure[j, 6], x, u, time, h, last, c)
+                    counts = kept_to > ZERO
             step = last == 0 or not (what >= wp.static(MEAN) and what <= wp.static(TOTAL))
             if counts and step and not (last == 1 and what == wp.static(SHARE)):
                 v = wp.float64(0.0)
                 if m.measure[j, 1] == wp.static(NONE):
-                    v = holds(m, kept, i, j, x, u, time, h, last, c)
+                    v = holds(m, kept, i, m.measure[j, 2], m.measure[j, 3], x, u, time, h, last, c)
                 else:
                     v = signal(m, kept, i, m.measure[j, 1], x, u, time, h, last, c)
                 take(kept, i, j, what, v, time, h)

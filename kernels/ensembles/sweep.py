@@ -12,9 +12,9 @@ from ..step.reach import AFTER
 from ..step.rollout import make_batch
 from ..structure import layout
 from .arrival import OVERLAP, STOPPED, make_span
-from .contacts import make_contacts
 from .disturbances import END, make_conditions, make_disturbances, make_events
 from .measures import NO_USERS, Users, make_measures, make_tables
+from .pushing import make_pushing
 
 
 @cached
@@ -38,26 +38,10 @@ def make_sweep_kernel(
     Span, Measures = make_span(dtype), make_tables(dtype)
     NX, NR = 2 * s.nv, s.nr
     H = layout(s).offset("step_size")
-    contacts = make_contacts(len(s.pairs))
+    pushing = make_pushing(spec, step, users)
+    contacts, contacts_of = pushing.contacts, pushing.contacts_of
     measures = make_measures(NX, s.nu, dtype, contacts, users)
-    pair_of = [row.index if row.kind == "contact" else -1 for row in s.rows]
     VU = wp.types.vector(max(s.nu, 1), dtype)
-
-    @wp.func
-    def contacts_of(sol: step.Solution, h: wp.float64):
-        """Normal impulses of the pairs that act, and where they are looked at all distances."""
-        out = contacts.none()
-        for r in range(wp.static(NR)):
-            if wp.static(pair_of[r] >= 0):
-                if wp.static(users.gaps):
-                    gap = wp.float64(sol.rate[wp.static(step.gap_row[r])]) * h
-                    out.distance[wp.static(pair_of[r])] = gap
-                if (sol.mask & wp.static(1 << r)) != 0:
-                    if wp.static(step.gap_row[r] == r):
-                        out.impulse[wp.static(pair_of[r])] = out.impulse[wp.static(pair_of[r])] + wp.float64(
-                            sol.lam[r]
-                        )
-        return out
 
     @wp.func
     def overlap(sol: step.Solution, h: wp.float64):
@@ -164,7 +148,7 @@ def make_sweep_kernel(
                     x = after
                     carry.z = sol.z
                     carry.normal = sol.normal
-                    touching = contacts_of(sol, h)
+                    touching = contacts_of(world, before, sol, h)
                 else:
                     noted[i, wp.static(STOPPED)] = time
             if code != wp.static(SOLVED):

@@ -349,6 +349,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         grow=grow,
         velocity=velocity,
         geometry=geometry,
+        moved_by=moved_by,
         normal_rate=bounces.normal_rate,
         row_gap=row_gap,
         forget_bounces=bounces.forget,

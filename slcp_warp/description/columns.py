@@ -9,7 +9,7 @@ from slcp_warp.kernels.structure import layout
 
 from ..inputs.errors import ArgumentError
 from .acting import OF_PAIRS, parts_of
-from .names import END, some, turned
+from .names import END, between, some, turned
 from .scene import Scene
 
 COMPONENTS = {
@@ -47,7 +47,7 @@ def places_of(scene: Scene, key: str, label: str) -> list[int]:
     rows = rows or [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(limits)]
     rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end
     if not rows and name in OF_PAIRS:
-        rows = _between(scene, part)
+        rows = between(scene.shapes, scene.structure.pairs, part)
     if not rows:
         known = list(dict.fromkeys(f"{owner}.{name}" for owner in parts))
         raise ArgumentError(f"{label} names {key!r}; {some(key, known)}")
@@ -74,18 +74,6 @@ def like(key: str, known: Iterable[str]) -> str:
     """A hint at a name that one may have meant, or ""."""
     near = difflib.get_close_matches(parameter_of(key)[1], list(known), 1)
     return f"; {key.rpartition('.')[0] + '.' if '.' in key else ''}{near[0]} is like it" if near else ""
-
-
-def _between(scene: Scene, part: str) -> list[int]:
-    """Pairs of shapes of one and, after a stroke, of another, each the name of a body or of a shape."""
-
-    def own(name: str) -> set[int]:
-        return {i for i, shape in enumerate(scene.shapes) if name in (shape.name, shape.body)}
-
-    first, stroke, second = part.partition("/")
-    one, other = own(first), own(second) if stroke else set(range(len(scene.shapes)))
-    pairs = ((p.shape_a, p.shape_b) for p in scene.structure.pairs)
-    return [i for i, (a, b) in enumerate(pairs) if (a in one and b in other) or (b in one and a in other)]
 
 
 def _positions(scene: Scene, body: str) -> set[str]:

@@ -120,15 +120,35 @@ def pair_index(label: str, which: int | str, pairs: Sequence[str]) -> int:
     return index_of(label, which, pairs)
 
 
-def pair_range(label: str, which: int | str, pairs: Sequence[str]) -> tuple[int, int]:
-    """As `pair_index`, of one pair or of all of two shapes: the first, and one after the last."""
-    plain = [END.sub("", pair) for pair in pairs]
-    if isinstance(which, str) and which not in pairs and turned(which) not in pairs:
-        which = turned(which) if turned(which) in plain else which
-        if which in plain:
-            return plain.index(which), len(plain) - plain[::-1].index(which)
-    first = pair_index(label, which, pairs)
-    return first, first + 1
+def pairs_named(
+    label: str,
+    which: int | str,
+    names: Sequence[str],
+    shapes: Sequence["Shape"],
+    pairs: Sequence[PairStructure],
+) -> tuple[int, ...]:
+    """The contact pairs that a name means: one, as `pair_index`; all of two shapes, "left/box"; or all
+    between two bodies or shapes, "hand/box", or of one, "box".
+    """
+    if isinstance(which, str) and which not in names and turned(which) not in names:
+        plain = [END.sub("", name) for name in names]
+        found = [i for i, name in enumerate(plain) if name in (which, turned(which))]
+        found = found or between(shapes, pairs, which)
+        if found:
+            return tuple(found)
+    return (pair_index(label, which, names),)
+
+
+def between(shapes: Sequence["Shape"], pairs: Sequence[PairStructure], part: str) -> list[int]:
+    """Pairs of shapes of one and, after a stroke, of another, each the name of a body or of a shape."""
+
+    def own(name: str) -> set[int]:
+        return {i for i, shape in enumerate(shapes) if name in (shape.name, shape.body)}
+
+    first, stroke, second = part.partition("/")
+    one, other = own(first), own(second) if stroke else set(range(len(shapes)))
+    ends = ((p.shape_a, p.shape_b) for p in pairs)
+    return [i for i, (a, b) in enumerate(ends) if (a in one and b in other) or (b in one and a in other)]
 
 
 def turned(pair: str) -> str:

@@ -191,11 +191,11 @@ class Scene(Printed):
         """The place of a contact pair, given by its name, with the shapes in either order, or its place."""
         return names.pair_index("contact pair", which, self.pair_names)
 
-    def pair_range(self, which: int | str) -> tuple[int, int]:
-        """The first of the pairs that a name means, and one after the last: a contact pair, or those of two
-        shapes, "left/box".
+    def pairs_of(self, which: int | str) -> tuple[int, ...]:
+        """Places of the contact pairs that a name means: one pair; all of two shapes, "left/box"; all between
+        two bodies or shapes, "hand/box", or of one, "box".
         """
-        return names.pair_range("contact pair", which, self.pair_names)
+        return names.pairs_named("contact pair", which, self.pair_names, self.shapes, self.structure.pairs)
 
     def control_index(self, which: int | str) -> int:
         """The place of a control, given by its name or its place."""

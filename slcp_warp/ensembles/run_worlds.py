@@ -52,7 +52,7 @@ class RunWorlds:
         if isinstance(stepping, GenericKernels):
             slots = min(worlds, stepping.chunk) if table.looks_at_contacts else 0
             shape = slots, len(sim.scene.structure.pairs)
-            contacts = [wp.zeros(shape, dtype=wp.float64, device=device) for _ in range(2)]
+            contacts = [wp.zeros(shape, dtype=wp.float64, device=device) for _ in range(4)]
             own = wp.zeros(0, dtype=wp.int32, device=device) if next is None else next
             self._launch: Callable[[int], None] = lambda last: stepping.launch(
                 kernel, worlds, [last, most, own], [*contacts, *inputs], grain

@@ -6,8 +6,11 @@
     measures.final("block.x").between(0.95, 1.05)   a success
     measures.excursion(measures.state("block.x", minus="cart.shift"))    how far it slid on the cart
 
+    measures.integral(abs(measures.slip("left/box")))    how far they slid while they touched
+    measures.mean("cart.vshift", where=measures.contact("cart/box") > 0)    of the steps in which they touch
+
 A text or a whole number stands for a component of the state. `start` and `end` are times [s]: only what lies
-between them counts.
+between them counts, and of that the steps in which a condition `where` holds.
 """
 
 from .reductions import (
@@ -39,10 +42,14 @@ from .signals import (
     distance,
     function,
     gap,
+    normal_force,
     normal_impulse,
     point,
     since_start,
+    slip,
     state,
+    tangential_force,
+    tangential_impulse,
     time,
 )
 
@@ -68,14 +75,18 @@ __all__ = [
     "largest",
     "lowest_gap",
     "mean",
+    "normal_force",
     "normal_impulse",
     "point",
     "rate",
     "settled",
     "share_of_time",
     "since_start",
+    "slip",
     "smallest",
     "state",
+    "tangential_force",
+    "tangential_impulse",
     "time",
     "total",
 ]

@@ -14,14 +14,27 @@ from ..description.points import AXES, Point, position
 from ..description.scene import Scene
 from ..inputs.checks import array, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
-from .reductions import OF_CONDITIONS, Measure, Success
-from .signals import Condition, Signal
+from .reductions import NOTHING, OF_CONDITIONS, Measure, Success
+from .signals import FORCES, Condition, Signal
+
+
+def _fastest(slip: np.ndarray) -> np.ndarray:
+    """That of the largest magnitude of several; 0 of none."""
+    of = np.abs(slip).argmax(axis=2) if slip.shape[2] else None
+    return np.zeros(slip.shape[:2]) if of is None else np.take_along_axis(slip, of[..., None], 2)[..., 0]
+
 
 REDUCED: dict[str, Callable[[np.ndarray], np.ndarray]] = {  # of pairs (B, N, pairs) to one number
     "gap": lambda gap: gap.min(axis=2, initial=np.inf),
     "contact": lambda impulse: impulse.max(axis=2, initial=0.0),
     "impulse": lambda impulse: impulse.sum(axis=2),
+    "slip": _fastest,
+    "tangential": lambda impulse: impulse.sum(axis=2),
 }
+SOURCES = {  # which array a signal is of
+    "control": "controls", "contact": "impulse", "normal_force": "impulse", "tangential_force": "tangential",
+    "tangential_impulse": "tangential",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -35,6 +48,8 @@ class Recorded:
         controls: (B, N, nu) as they acted, or None.
         impulse: (B, N, pairs) normal impulses [N s], or None.
         gap: (B, N, pairs) distances before every step [m], or None.
+        slip: (B, N, pairs) how fast the pairs slide that push, else 0 [m/s], or None.
+        tangential: (B, N, pairs) tangential impulses [N s], or None.
     """
 
     scene: Scene
@@ -43,6 +58,8 @@ class Recorded:
     controls: Any = None
     impulse: Any = None
     gap: Any = None
+    slip: Any = None
+    tangential: Any = None
 
     def __post_init__(self) -> None:
         states = array("states", self.states, ("B", "N+1", 2 * self.scene.nv))
@@ -52,7 +69,8 @@ class Recorded:
         put = object.__setattr__
         put(self, "states", states)
         put(self, "step_size", np.broadcast_to(array("step_size", self.step_size), (B,)))
-        for name, size in (("controls", self.scene.nu), ("impulse", pairs), ("gap", pairs)):
+        of_pairs = dict.fromkeys(("impulse", "gap", "slip", "tangential"), pairs)
+        for name, size in {"controls": self.scene.nu, **of_pairs}.items():
             if getattr(self, name) is not None:
                 put(self, name, array(name, getattr(self, name), (B, N, size), finite=name != "gap"))
 
@@ -83,9 +101,10 @@ class Recorded:
         if signal.kind == "state":
             less = signal.less(self.scene)
             return self.states[:, :, place] - (0.0 if less == NONE else self.states[:, :, less])
-        source = {"control": "controls", "contact": "impulse"}.get(signal.kind, signal.kind)
+        source = SOURCES.get(signal.kind, signal.kind)
         found = getattr(self, source)
         if found is None:
+            source = {"slip": "impulse", "tangential": "impulse"}.get(source, source)
             raise ArgumentError(
                 f"a measure of {signal.kind} needs {source}, which was not recorded; roll out with "
                 f"record={source!r}"
@@ -93,7 +112,9 @@ class Recorded:
         if signal.kind == "control":
             values = found[:, :, place]
         else:
-            values = REDUCED[signal.kind](found[:, :, slice(*signal.pairs(self.scene))])
+            reduced = REDUCED["contact" if signal.kind == "contact" else source]
+            values = reduced(found[:, :, list(signal.pairs(self.scene))])
+        values = values / self.step_size[:, None] if signal.kind in FORCES else values
         values = (values > TOUCH).astype(float) if signal.kind == "contact" else values
         return np.concatenate([values, values[:, -1:]], axis=1)
 
@@ -109,26 +130,31 @@ class Recorded:
 
     def value(self, measure: Measure) -> np.ndarray:
         """(B,) values of a measure."""
+        where = None
+        if measure.where is not None:
+            where = measure.where.holds({part: self.series(part) for part in measure.where.parts()})
         if measure.reduction in OF_CONDITIONS:
             assert isinstance(measure.of, Condition)
             series = measure.of.holds({part: self.series(part) for part in measure.of.parts()})
         else:
             assert isinstance(measure.of, Signal)
             series = self.series(measure.of)
-        return np.array([self._reduce(measure, b, series[b]) for b in range(len(series))])
+        of = [None] * len(series) if where is None else where
+        return np.array([self._reduce(measure, b, series[b], of[b]) for b in range(len(series))])
 
     def success(self, success: Success) -> np.ndarray:
         """(B,) whether worlds succeeded."""
         return success.holds({part: self.value(part) for part in success.parts()})
 
-    def _reduce(self, measure: Measure, b: int, series: np.ndarray) -> float:
-        """A measure of one world, from its signal in every step (N+1,)."""
+    def _reduce(self, measure: Measure, b: int, series: np.ndarray, where: np.ndarray | None) -> float:
+        """A measure of one world, from its signal in every step (N+1,), and where steps count."""
         t, h = self.times[b], self.step_size[b]
-        counts = counted_steps(measure, t, h)
+        counts = counted_steps(measure, t, h) & (True if where is None else where)
         steps = counts.copy()
         steps[-1] = False
+        none = np.nan if where is None else NOTHING.get(measure.reduction, np.nan)
         if not counts.any():
-            return np.nan
+            return none
         inside, when = series[counts], t[counts]
         if measure.reduction == "rate":
             return (inside[-1] - inside[0]) / (when[-1] - when[0]) if len(inside) > 1 else 0.0
@@ -146,7 +172,7 @@ class Recorded:
         if measure.reduction == "accumulated":
             return inside.sum()
         if not steps.any():
-            return np.nan
+            return none
         summed = series[steps].sum()
         if measure.reduction in ("mean", "share_of_time"):
             return summed / steps.sum()

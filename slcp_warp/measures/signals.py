@@ -18,7 +18,9 @@ from ..description.scene import Scene
 from ..inputs.checks import choice, flag, number, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 
-OF_CONTACTS = ("contact", "gap", "impulse")
+FORCES = ("normal_force", "tangential_force")
+RUBS = ("tangential_impulse", "tangential_force")
+OF_CONTACTS = ("contact", "gap", "impulse", "slip", "tangential_impulse", *FORCES)
 NO_VALUE = (
     "there is no value yet: join comparisons with & and |, not with and, or; between two bounds is "
     ".between(low, high)"
@@ -62,8 +64,8 @@ class Signal(Compared):
 
     Attributes:
         kind: one of `SIGNALS`.
-        which: a state, a control or a contact pair, by its name or its place; None: no one, or all pairs; or
-            a `costs.Point`.
+        which: a state or a control by its name or its place; contact pairs, as `Scene.pairs_of` names them,
+            None: all; or a `costs.Point`.
         minus: a state that is taken off a state, or a point off a point.
         axis: "x" or "y" of a point.
         function: a user's Warp function (x, u, time) -> number, of a signal of kind "function".
@@ -110,7 +112,7 @@ class Signal(Compared):
         return self.kind == "state" and self == Signal("state", self.which)
 
     def place(self, scene: Scene) -> int:
-        """Its component in a scene; 0 of points, which have a table of their own.
+        """Its component in a scene; 0 of points and contacts, which have tables of their own.
 
         Raises:
             ArgumentError: the scene has none of this name.
@@ -122,18 +124,18 @@ class Signal(Compared):
             return scene.state_index(self.which)  # type: ignore[arg-type]
         if self.kind == "control":
             return scene.control_index(self.which)  # type: ignore[arg-type]
-        return self.pairs(scene)[0] if self.kind in OF_CONTACTS else 0
+        if self.kind in OF_CONTACTS:
+            self.pairs(scene)
+        return 0
 
-    def pairs(self, scene: Scene) -> tuple[int, int]:
-        """The first of the pairs that one of contacts is of, and one after the last."""
+    def pairs(self, scene: Scene) -> tuple[int, ...]:
+        """The pairs that one of contacts is of."""
         if self.which is None:
-            return 0, len(scene.pair_names)
-        return scene.pair_range(self.which)  # type: ignore[arg-type]
+            return tuple(range(len(scene.pair_names)))
+        return scene.pairs_of(self.which)  # type: ignore[arg-type]
 
     def less(self, scene: Scene) -> int:
-        """The place of the state that is taken off it, -1: none; of contacts, one after the last pair."""
-        if self.kind in OF_CONTACTS:
-            return self.pairs(scene)[1]
+        """The place of the state that is taken off it, -1: none."""
         return NONE if self.minus is None or isinstance(self.minus, Point) else scene.state_index(self.minus)
 
     def _within(self, low: float, high: float) -> "Condition":
@@ -273,21 +275,48 @@ def distance(of: Point, to: Point) -> Signal:
 
 def contact(pair: str | int | None = None) -> Signal:
     """1 where a pair pushes with more than 1e-6 N s, else 0: one by its name (`Scene.pair_names`) or place,
-    any of those of two shapes, "left/box", or any at all.
+    or any of those of two shapes, "left/box", of two bodies or of one, "box", or any at all.
     """
     return Signal("contact", None if pair is None else _name("pair", pair))
 
 
 def gap(pair: str | int | None = None) -> Signal:
-    """Distance of a pair before the step [m], or the lowest of the pairs of two shapes, or of all; infinite
+    """Distance of a pair before the step [m], or the lowest of several, named as of `contact`; infinite
     without any.
     """
     return Signal("gap", None if pair is None else _name("pair", pair))
 
 
 def normal_impulse(pair: str | int | None = None) -> Signal:
-    """Normal impulse of a pair in the step [N s], or of those of two shapes together, or of all."""
+    """Normal impulse of a pair in the step [N s], or of several together, named as of `contact`."""
     return Signal("impulse", None if pair is None else _name("pair", pair))
+
+
+def normal_force(pair: str | int | None = None) -> Signal:
+    """Normal impulse of a step over the step size [N], of a pair or of several together, named as of
+    `contact`. Of what presses it is the force; of an impact it grows as steps get smaller.
+    """
+    return Signal("normal_force", None if pair is None else _name("pair", pair))
+
+
+def tangential_impulse(pair: str | int | None = None) -> Signal:
+    """Impulse of friction in the step [N s], on shape_b along the normal from shape_a to it turned by 90
+    degrees counter-clockwise, of a pair or of several together, named as of `contact`.
+    """
+    return Signal("tangential_impulse", None if pair is None else _name("pair", pair))
+
+
+def tangential_force(pair: str | int | None = None) -> Signal:
+    """`tangential_impulse` over the step size [N]."""
+    return Signal("tangential_force", None if pair is None else _name("pair", pair))
+
+
+def slip(pair: str | int | None = None) -> Signal:
+    """How fast a pair slides while it pushes [m/s]: the velocity of shape_b past shape_a where they touch,
+    after the step, along the normal from a to b turned by 90 degrees counter-clockwise (J_t v' of (M6)); 0
+    where it does not push (`contact`). Of several pairs, named as of `contact`, that of the fastest.
+    """
+    return Signal("slip", None if pair is None else _name("pair", pair))
 
 
 def function(f: Callable[..., Any]) -> Signal:

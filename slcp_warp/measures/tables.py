@@ -1,6 +1,7 @@
 """Measures as the kernels take them, and their values from what the kernels keep."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,8 @@ from slcp_warp.kernels.ensembles.contacts import FAR
 from ..description.points import AXES, Point, point_numbers
 from ..description.scene import Scene
 from ..inputs.user_code import Known, check_indices, of_user
-from .reductions import Measure
-from .signals import OF_CONTACTS, Condition, Signal
+from .reductions import NOTHING, Measure
+from .signals import FORCES, OF_CONTACTS, RUBS, Condition, Signal
 
 INFINITE = 1e-50 * FAR  # what a mean or an integral of one FAR is above, whatever the steps
 
@@ -23,12 +24,18 @@ def priced(measures: Sequence[Measure]) -> bool:
     return any(signal.kind == "cost" for measure in measures for signal in measure.signals())
 
 
+def _ranges(pairs: Sequence[int]) -> list[tuple[int, int]]:
+    """Pairs as the first of those that follow each other, and one after the last."""
+    breaks = [0, *(i for i in range(1, len(pairs)) if pairs[i] != pairs[i - 1] + 1), len(pairs)]
+    return [(pairs[a], pairs[b - 1] + 1) for a, b in pairwise(breaks) if a < b] or [(0, 0)]
+
+
 class MeasureTable:
     """The measures of a run, looked up in a scene.
 
     Attributes:
         measures: in the order of their values.
-        looks_at_contacts: whether one of them is of impulses or gaps.
+        looks_at_contacts: whether one of them is of impulses, gaps or slips.
     """
 
     def __init__(
@@ -53,19 +60,32 @@ class MeasureTable:
         self._relative = any(signal.since_start or signal.absolute for signal in signals)
         first = len(self.measures)
         rows = [first + starts.index(since[each]) if each in since else kernels.NONE for each in signals]
-        self._signals = [(*self._signal(signal, scene), row) for signal, row in zip(signals, rows)]
+        pairs = {signal: _ranges(signal.pairs(scene)) for signal in signals if signal.kind in OF_CONTACTS}
+        self._scattered = any(len(each) != 1 for each in pairs.values())
+        self._ranges = [(0, 0)]
+        self._signals = [
+            (*self._signal(signal, scene, pairs.get(signal, [])), row) for signal, row in zip(signals, rows)
+        ]
         kinds = {signal.kind for signal in signals}
-        self._gaps = "gap" in kinds
+        self._gaps, self._slips = "gap" in kinds, "slip" in kinds
+        self._forces, self._rubs = (not kinds.isdisjoint(each) for each in (FORCES, RUBS))
         self.looks_at_contacts = not kinds.isdisjoint(OF_CONTACTS)
         self._bounds: list[tuple[float, float]] = []
         self._compared: list[int] = []
         self._clauses: list[tuple[int, int]] = []
         self._rows = [self._row(measure, place) for measure in self._all]
 
-    def _signal(self, signal: Signal, scene: Scene) -> tuple[int, int, int, int]:
+    def _signal(
+        self, signal: Signal, scene: Scene, pairs: list[tuple[int, int]]
+    ) -> tuple[int, int, int, int]:
         kind = kernels.SIGNALS.index(signal.kind)
         which = self._functions.index(signal.function) if signal.function is not None else signal.place(scene)
         how = kernels.ABSOLUTE * signal.absolute + kernels.SINCE * signal.since_start
+        if signal.kind in OF_CONTACTS:
+            if not self._scattered:
+                return kind, *pairs[0], how
+            self._ranges += pairs
+            return kind, len(self._ranges) - len(pairs), len(self._ranges), how
         if isinstance(signal.which, Point):
             axis = 0 if signal.axis is None else AXES.index(signal.axis)
             which, less = (self._listed(each, axis) for each in (signal.which, signal.minus))
@@ -81,17 +101,24 @@ class MeasureTable:
         return 2 * self._points.index(point) + axis
 
     def _row(self, measure: Measure, place: dict[Signal, int]) -> tuple[int, ...]:
-        """Reduction, signal, clauses of a condition from and to, whether it counts at all times."""
-        what, first = kernels.REDUCTIONS.index(measure.reduction), len(self._clauses)
+        """Reduction, signal, clauses of a condition from and to, whether it counts at all times, clauses of
+        where it does from and to.
+        """
+        what = kernels.REDUCTIONS.index(measure.reduction)
         always = int(measure.start == 0.0 and measure.end is None)
-        if not isinstance(measure.of, Condition):
-            return what, place[measure.of], first, first, always
-        for clause in measure.of.clauses:
+        of, counts = self._listed_clauses(measure.of, place), self._listed_clauses(measure.where, place)
+        signal = kernels.NONE if isinstance(measure.of, Condition) else place[measure.of]
+        return what, signal, *of, always, *counts
+
+    def _listed_clauses(self, of: Any, place: dict[Signal, int]) -> tuple[int, int]:
+        """The first clause of a condition and one after the last; none of anything else."""
+        first = len(self._clauses)
+        for clause in of.clauses if isinstance(of, Condition) else ():
             start = len(self._bounds)
             self._bounds += [(within.low, within.high) for within in clause]
             self._compared += [place[within.of] for within in clause]
             self._clauses.append((start, len(self._bounds)))
-        return what, kernels.NONE, first, len(self._clauses), always
+        return first, len(self._clauses)
 
     def users(self, sim: Any) -> kernels.Users:
         """Code of users that a simulator's kernels call for them."""
@@ -103,7 +130,10 @@ class MeasureTable:
                 kernels.check_user(function, sim.nx, sim.nu, sim.dtype)
             check_indices("measures.function", function, Known(sim.nx), Known(max(sim.nu, 1)))
         cost = self._cost and self._cost.functions(sim.dtype, sim.nx, sim.nu)
-        return kernels.Users(self._functions, cost, self._relative, self._gaps, bool(self._points))
+        some = any(measure.where is not None for measure in self.measures)
+        looks = self._slips, self._forces, self._rubs
+        parts = self._relative, self._gaps, bool(self._points), *looks, self._scattered, some
+        return kernels.Users(self._functions, cost, *parts)
 
     def struct(self, sim: Any) -> Any:
         """The tables on a simulator's device."""
@@ -116,9 +146,10 @@ class MeasureTable:
         window = [(each.start, FAR if each.end is None else each.end) for each in self._all]
         for name, values, width, kind in (
             ("signal", self._signals, 5, np.int32),
+            ("ranges", self._ranges, 2, np.int32),
             ("bounds", self._bounds, 2, np.float64),
             ("clause", self._clauses, 2, np.int32),
-            ("measure", self._rows, 5, np.int32),
+            ("measure", self._rows, 7, np.int32),
             ("window", window, 2, np.float64),
         ):
             setattr(out, name, wp.array(np.array(values, kind).reshape(-1, width), device=device))
@@ -132,7 +163,9 @@ class MeasureTable:
         return wp.zeros(shape, dtype=wp.float64, device=device)
 
     def values(self, kept: np.ndarray) -> np.ndarray:
-        """(B, M) values of the measures from what was kept of them; NaN where no step counted."""
+        """(B, M) values of the measures from what was kept of them; NaN where no step counted, but for
+        `NOTHING`, of steps in which a condition holds.
+        """
         out = np.empty((len(kept), len(self.measures)))
         for j, measure in enumerate(self.measures):
             value, count, second, begin, end = kept[:, j].T
@@ -144,5 +177,6 @@ class MeasureTable:
                 elif measure.reduction in ("first_time", "settled"):
                     value = np.where(second > 0.0, value, np.inf)
             value = np.where(np.abs(value) >= INFINITE, np.copysign(np.inf, value), value)
-            out[:, j] = np.where(count > 0, value, np.nan)
+            none = np.nan if measure.where is None else NOTHING.get(measure.reduction, np.nan)
+            out[:, j] = np.where(count > 0, value, none)
         return out

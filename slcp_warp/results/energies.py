@@ -7,11 +7,11 @@ import numpy as np
 
 from slcp_warp.kernels.gradients.generic.spans import TAIL
 
-from ..description.kinematics import across, joint_pose, slides, turn
 from ..inputs.arrays import kind_of, to_numpy
 from ..inputs.checks import array, instance
 from ..inputs.errors import ArgumentError
 from ..parameters import Parameters
+from .moving import MovingBodies
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def energies(states: Any, params: Parameters) -> Energies:
         if x.ndim < 2 or x.shape[0] != params.worlds:
             raise ArgumentError(f"states has shape {x.shape}; params are of {params.worlds} worlds")
         numbers = {name: _beside(params, name, value, x.ndim) for name, value in numbers.items()}
-    return _Bodies(scene.structure, numbers, x[..., : scene.nv], x[..., scene.nv :]).energies()
+    return _energies(MovingBodies(scene.structure, numbers, x[..., : scene.nv], x[..., scene.nv :]))
 
 
 def _beside(params: Parameters, name: str, value: np.ndarray, axes: int) -> np.ndarray:
@@ -68,58 +68,33 @@ def _beside(params: Parameters, name: str, value: np.ndarray, axes: int) -> np.n
     return value.reshape((len(value), *(1,) * (axes - 2), *own))
 
 
-class _Bodies:
-    """Where bodies are, and how they move."""
+def _energies(bodies: MovingBodies) -> Energies:
+    kinetic, potential = np.zeros(bodies.q.shape[:-1]), np.zeros(bodies.q.shape[:-1])
+    for b in range(len(bodies.structure.bodies)):
+        centre, speed = bodies.at(b, bodies.p["com"][..., b, :])
+        mass = bodies.p["mass"][..., b]
+        inertia = bodies.p["inertia"][..., b] * bodies.rate[b] ** 2
+        kinetic += 0.5 * (mass * np.sum(speed**2, -1) + inertia)
+        potential -= mass * np.sum(bodies.p["gravity"] * centre, -1)
+    if bodies.structure.armature:
+        kinetic += 0.5 * np.sum(bodies.p["armature"] * bodies.v**2, -1)
+    return Energies(kinetic, potential, _stretched(bodies))
 
-    def __init__(self, structure: Any, numbers: dict[str, np.ndarray], q: np.ndarray, v: np.ndarray) -> None:
-        self.structure, self.p, self.q, self.v = structure, numbers, q, v
-        none = np.zeros((*q.shape[:-1], 2))
-        self.place, self.speed = {-1: none}, {-1: none}
-        self.angle, self.rate = {-1: none[..., 0]}, {-1: none[..., 0]}
-        for b, body in enumerate(structure.bodies):
-            up = body.parent
-            local, self.angle[b] = joint_pose(body, b, numbers, q, self.angle[up])
-            arm = turn(self.angle[up], local)
-            slid = none + 0.0
-            for j, axis in slides(body, b, numbers).items():
-                slid = slid + axis * v[..., j, None]
-            self.place[b] = self.place[up] + arm
-            slide = turn(self.angle[up], slid)
-            self.speed[b] = self.speed[up] + self.rate[up][..., None] * across(arm) + slide
-            turns = 0.0 if body.joint == "prismatic" else v[..., body.dofs[-1]]
-            self.rate[b] = self.rate[up] + turns
 
-    def at(self, body: int, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Place and velocity of a point of a body."""
-        arm = turn(self.angle[body], local + 0.0 * self.place[body])
-        return self.place[body] + arm, self.speed[body] + self.rate[body][..., None] * across(arm)
-
-    def energies(self) -> Energies:
-        kinetic, potential = np.zeros(self.q.shape[:-1]), np.zeros(self.q.shape[:-1])
-        for b in range(len(self.structure.bodies)):
-            centre, speed = self.at(b, self.p["com"][..., b, :])
-            mass = self.p["mass"][..., b]
-            inertia = self.p["inertia"][..., b] * self.rate[b] ** 2
-            kinetic += 0.5 * (mass * np.sum(speed**2, -1) + inertia)
-            potential -= mass * np.sum(self.p["gravity"] * centre, -1)
-        if self.structure.armature:
-            kinetic += 0.5 * np.sum(self.p["armature"] * self.v**2, -1)
-        return Energies(kinetic, potential, self.stretched())
-
-    def stretched(self) -> np.ndarray:
-        """The energy of all that is elastic."""
-        out = np.zeros(self.q.shape[:-1])
-        if self.structure.sprung:
-            out += 0.5 * np.sum(self.p["stiffness"] * (self.q - self.p["rest"]) ** 2, -1)
-        for i, (a, b) in enumerate(self.structure.springs):
-            ends, rest = self.p["spring_point"][..., i, :, :], self.p["spring_length"][..., i]
-            span = self.at(b, ends[..., 1, :])[0] - self.at(a, ends[..., 0, :])[0]
-            length = np.sqrt(np.sum(span**2, -1) + (TAIL[0] * rest + TAIL[1]) ** 2)
-            out += 0.5 * self.p["spring_stiffness"][..., i] * (length - rest) ** 2
-        start = 0
-        for i, dofs in enumerate(self.structure.tendons):
-            shares = self.p["tendon_coefficient"][..., start : start + len(dofs)]
-            start += len(dofs)
-            length = np.sum(shares * self.q[..., list(dofs)], -1) - self.p["tendon_length"][..., i]
-            out += 0.5 * self.p["tendon_stiffness"][..., i] * length**2
-        return out
+def _stretched(bodies: MovingBodies) -> np.ndarray:
+    """The energy of all that is elastic."""
+    out = np.zeros(bodies.q.shape[:-1])
+    if bodies.structure.sprung:
+        out += 0.5 * np.sum(bodies.p["stiffness"] * (bodies.q - bodies.p["rest"]) ** 2, -1)
+    for i, (a, b) in enumerate(bodies.structure.springs):
+        ends, rest = bodies.p["spring_point"][..., i, :, :], bodies.p["spring_length"][..., i]
+        span = bodies.at(b, ends[..., 1, :])[0] - bodies.at(a, ends[..., 0, :])[0]
+        length = np.sqrt(np.sum(span**2, -1) + (TAIL[0] * rest + TAIL[1]) ** 2)
+        out += 0.5 * bodies.p["spring_stiffness"][..., i] * (length - rest) ** 2
+    start = 0
+    for i, dofs in enumerate(bodies.structure.tendons):
+        shares = bodies.p["tendon_coefficient"][..., start : start + len(dofs)]
+        start += len(dofs)
+        length = np.sum(shares * bodies.q[..., list(dofs)], -1) - bodies.p["tendon_length"][..., i]
+        out += 0.5 * bodies.p["tendon_stiffness"][..., i] * length**2
+    return out

@@ -20,7 +20,7 @@ from ..parameters import Parameters
 from ..storage.printed import Printed, Table, counted
 from .energies import Energies, energies
 from .overlaps import failed, failed_table
-from .pictures.contacts import contact_table
+from .pictures.contacts import contact_table, slips
 from .pictures.motion import Motion
 from .record_checks import TRAJECTORY, check_trajectory
 from .records import Record, read_record
@@ -186,6 +186,13 @@ class Trajectory(Printed):
         solved = self.recorded("status") == Status.SOLVED
         own = self._known().select(solved).parameters["step_size"]
         of = {name: None if array is None else array[solved] for name, array in seen.items()}
+        if seen["impulse"] is not None:
+            of["tangential"] = self._by_pair[solved][..., 1]
+        if seen["impulse"] is not None and "slip" in {signal.kind for signal in what.signals()}:
+            found = np.zeros(self._by_pair[solved].shape[:-1])
+            for slip, i in zip(found, np.flatnonzero(solved).tolist()):
+                slip[:] = slips(self.motion(i), self._by_pair[i, ..., 0])
+            of["slip"] = found
         worlds = Recorded(self.scene, own, self.recorded("states")[solved], **of)
         found = worlds.value(what) if isinstance(what, Measure) else worlds.success(what)
         out = np.full(len(solved), np.nan if isinstance(what, Measure) else False, found.dtype)

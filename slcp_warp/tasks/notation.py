@@ -3,8 +3,8 @@
 A signal is a state's name, or a table {kind, which, minus, axis, since_start, absolute} of the fields of
 `slcp_warp.measures`, in which a point is a table {body, at}. A condition compares one: {of = SIGNAL, above =
 1.0}, with above, below or between = [low, high]; lists of them are joined by {all = [...]} and {any = [...]}.
-A measure is {reduction, of, start, end}. A success compares measures in the same way: {measure = NAME,
-between = [0, 1]}, or {reduction = "final", of = "block.x", between = [0, 1]}.
+A measure is {reduction, of, start, end, where}, the last a condition. A success compares measures in the same
+way: {measure = NAME, between = [0, 1]}, or {reduction = "final", of = "block.x", between = [0, 1]}.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ FLAGS = ("since_start", "absolute")
 SIGNAL_FIELDS = ("kind", "which", "minus", "axis", *FLAGS)
 POINT_FIELDS = ("body", "at")
 SHORT: dict[str, Callable[..., Measure]] = {"change": change, "excursion": excursion}  # of such signals
-MEASURE_FIELDS = ("reduction", "of", "start", "end")
+MEASURE_FIELDS = ("reduction", "of", "start", "end", "where")
 BOUNDS = ("above", "below", "between")
 JOINS = ("all", "any")
 MOST_CLAUSES = 256  # of a condition or a success, written as any of all
@@ -96,6 +96,8 @@ def measure_of(value: Any, where: str) -> Measure:
     choice(below(where, "reduction"), values["reduction"], (*REDUCTIONS, *SHORT), error=NotationError)
     read = condition_of if values["reduction"] in OF_CONDITIONS else signal_of
     values["of"] = read(values["of"], below(where, "of"))
+    if "where" in values:
+        values["where"] = condition_of(values["where"], below(where, "where"))
     try:
         if values["reduction"] in SHORT:
             return _short(values, where)
@@ -115,12 +117,10 @@ def _short(values: dict[str, Any], where: str) -> Measure:
 def measure_content(measure: Measure) -> dict[str, Any]:
     """A measure as data."""
     of = signal_content(measure.of) if isinstance(measure.of, Signal) else condition_content(measure.of)
+    counts = None if measure.where is None else condition_content(measure.where)
+    said = {"start": measure.start or None, "end": measure.end, "where": counts}
     content = {"reduction": measure.reduction, "of": of}
-    return content | {
-        name: value
-        for name, value in (("start", measure.start or None), ("end", measure.end))
-        if value is not None
-    }
+    return content | {name: value for name, value in said.items() if value is not None}
 
 
 def success_of(value: Any, measures: Mapping[str, Measure], where: str) -> Success:

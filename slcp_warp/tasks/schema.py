@@ -72,6 +72,7 @@ def _parts() -> dict[str, Any]:
         "of": {"anyOf": [_to("Signal"), _to("Condition")]},
         "start": NUMBER,
         "end": NUMBER,
+        "where": _to("Condition"),
     }
     named = {"anyOf": [NAME, _to("Point")]}
     signal: dict[str, Any] = {"kind": {"enum": list(KINDS)}, "which": named, "minus": named}

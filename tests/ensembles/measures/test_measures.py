@@ -23,7 +23,11 @@ def recorded() -> Recorded:
     impulse, gap = np.zeros((2, N, 3)), np.full((2, N, 3), np.inf)
     impulse[0, 10:15, 0], impulse[0, 12:20, 1], impulse[1, 3, 2] = 2.0, 1.0, 1e-7
     gap[0, 5:20, 0], gap[0, 7, 1] = 0.01, -0.002
-    return Recorded(SCENE, H, states, controls, impulse, gap)
+    slip = np.zeros((2, N, 3))
+    slip[0, 10:15, 0], slip[0, 12:20, 1] = -0.3, 0.2
+    tangential = np.zeros((2, N, 3))
+    tangential[0, 10:15, 0], tangential[0, 12:20, 1] = -0.5, 0.25
+    return Recorded(SCENE, H, states, controls, impulse, gap, slip, tangential)
 
 
 CASES = {
@@ -76,6 +80,26 @@ CASES = {
         m.excursion(m.state("block.x", minus="block.angle")),
         (np.abs(T**2 - np.sin(T)).max(), np.abs(T + np.sin(T)).max()),
     ),
+    "mean where": (m.mean("block.x", where=m.time() < 0.95), (np.mean(T[:10] ** 2), np.mean(1.0 - T[:10]))),
+    "mean where it never holds": (m.mean("block.x", where=m.time() > 9.0), (np.nan, np.nan)),
+    "sum where it never holds": (m.integral("block.x", where=m.time() > 9.0), (0.0, 0.0)),
+    "final where": (m.final("block.x", where=m.contact(0) > 0.5), (1.4**2, np.nan)),
+    "largest where one of two": (
+        m.largest("block.x", 1.0, where=(m.contact(0) > 0.5) | (m.state("block.x") < -2.45)),
+        (1.4**2, -2.5),
+    ),
+    "count where": (m.count(m.state("block.angle") > 0.5, where=m.time() > 0.95), (1.0, 1.0)),
+    "share where": (m.share_of_time(m.contact(1) > 0.5, where=m.contact() > 0.5), (0.8, np.nan)),
+    "first time where": (m.first_time(m.time() > 0.5, where=m.contact(1) > 0.5), (1.2, np.inf)),
+    "rate where": (m.rate("block.x", where=m.since_start("block.x") < -1.95), (np.nan, -1.0)),
+    "impulse of a body": (m.impulse("block"), (18.0, 1e-7)),
+    "impulse of two bodies": (m.impulse("pusher/block"), (0.0, 1e-7)),
+    "force": (m.largest(m.normal_force("block")), (30.0, 1e-6)),
+    "friction": (m.total(m.tangential_impulse("ground/block")), (-2.5 + 2.0, 0.0)),
+    "friction force": (m.smallest(m.tangential_force()), (-5.0, 0.0)),
+    "slip": (m.largest(abs(m.slip())), (0.3, 0.0)),
+    "slip of the fastest": (m.final(m.slip("ground/block"), end=1.3), (-0.3, 0.0)),
+    "slid": (m.integral(abs(m.slip("ground/corner1"))), (8 * H * 0.2, 0.0)),
     "since the start": (m.first_time(m.since_start("block.x") < -0.95), (np.inf, 1.0)),
 }
 
@@ -154,6 +178,13 @@ SHORT = np.zeros((1, 3, 2 * SCENE.nv))
         (lambda: m.final(0) > "far", slcp.InputError, "the bound of >"),
         (lambda: m.mean(0, start=-1.0), slcp.InputError, "start"),
         (lambda: m.mean(0, start=2.0, end=1.0), slcp.InputError, "end"),
+        (lambda: m.mean(0, where="contact"), slcp.ArgumentTypeError, "where is 'contact'; a comparison of a"),
+        (lambda: m.excursion(m.slip()), slcp.ArgumentError, "since_start is of a slip"),
+        (
+            lambda: recorded().value(m.impulse("blok")),
+            slcp.ArgumentError,
+            "pair is 'blok'; there are",
+        ),
         (lambda: m.contact(1.5), slcp.ArgumentTypeError, "pair is 1.5"),
         (lambda: m.function(3), slcp.ArgumentTypeError, "f is 3"),
         (lambda: m.excursion(m.gap()), slcp.ArgumentError, "since_start is of a gap; of state, cosine"),
@@ -194,7 +225,7 @@ def test_two_shapes_that_touch_in_several_places_are_one_by_their_names(restitut
         "bar", bodies, shapes, contacts, actuators=(slcp.Actuator("bar", 0, 1.0),), step_size=0.01
     )
     assert scene.pair_names[2:] == ("ground/bar(-)", "ground/bar(+)")
-    assert scene.pair_range("bar/ground") == (2, 4)
+    assert scene.pairs_of("bar/ground") == (2, 3)
     asked = {
         "one": m.impulse("ground/bar(+)"),
         "other": m.impulse(3),

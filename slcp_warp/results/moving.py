@@ -1,0 +1,42 @@
+"""Where bodies are and how they move, in plain NumPy."""
+
+from typing import Any
+
+import numpy as np
+
+from ..description.kinematics import across, joint_pose, slides, turn
+
+
+class MovingBodies:
+    """Where bodies are, and how they move.
+
+    Attributes:
+        place, speed, angle, rate: of every body's frame, by its index; the world is -1.
+    """
+
+    def __init__(self, structure: Any, numbers: dict[str, np.ndarray], q: np.ndarray, v: np.ndarray) -> None:
+        self.structure, self.p, self.q, self.v = structure, numbers, q, v
+        none = np.zeros((*q.shape[:-1], 2))
+        self.place, self.speed = {-1: none}, {-1: none}
+        self.angle, self.rate = {-1: none[..., 0]}, {-1: none[..., 0]}
+        for b, body in enumerate(structure.bodies):
+            up = body.parent
+            local, self.angle[b] = joint_pose(body, b, numbers, q, self.angle[up])
+            arm = turn(self.angle[up], local)
+            slid = none + 0.0
+            for j, axis in slides(body, b, numbers).items():
+                slid = slid + axis * v[..., j, None]
+            self.place[b] = self.place[up] + arm
+            slide = turn(self.angle[up], slid)
+            self.speed[b] = self.speed[up] + self.rate[up][..., None] * across(arm) + slide
+            turns = 0.0 if body.joint == "prismatic" else v[..., body.dofs[-1]]
+            self.rate[b] = self.rate[up] + turns
+
+    def at(self, body: int, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Place and velocity of a point of a body."""
+        arm = turn(self.angle[body], local + 0.0 * self.place[body])
+        return self.place[body] + arm, self.speed[body] + self.rate[body][..., None] * across(arm)
+
+    def velocity(self, body: int, place: np.ndarray) -> np.ndarray:
+        """Velocity of what a body has at a place in the world."""
+        return self.speed[body] + self.rate[body][..., None] * across(place - self.place[body])
