@@ -24,16 +24,15 @@ def make_pushing(spec: Specialisation, step: Any, users: Any) -> SimpleNamespace
         step: functions of a step, of `make_step`.
         users: which of all that measures look at: `measures.Users`.
     """
-    s, dtype, method = spec
+    s, dtype, _ = spec
     t, NP = step.types, len(s.pairs)
     contacts = make_contacts(NP, users.slips, users.rubs)
     slips = make_slips(spec) if users.slips else None
     FRICTION = layout(s).offset("friction")
     pair_of = [row.index if row.kind == "contact" else -1 for row in s.rows]
-    tangent = [method.coulomb and pair_of[r] >= 0 and step.gap_row[r] != r for r in range(s.nr)]
-    rubs = [
-        pair_of[r] >= 0 and s.rows[r].sign != 0 and (tangent[r] or not method.coulomb) for r in range(s.nr)
-    ]
+    tangent = step.rows.tangent
+    apart = {pair_of[r] for r in range(s.nr) if tangent[r]}  # whose rows are (n, t), not n +- mu t
+    rubs = [tangent[r] or (s.rows[r].sign != 0 and pair_of[r] not in {-1, *apart}) for r in range(s.nr)]
 
     @wp.func
     def pushes(sol: step.Solution, h: wp.float64):
