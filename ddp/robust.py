@@ -16,6 +16,7 @@ from slcp_warp.ensembles.statistics import share_interval
 from slcp_warp.inputs.checks import instance, whole
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.storage.printed import Printed, percent, percents
+from slcp_warp.tasks.disturbances.follow import followed
 
 from .options import Options
 from .planning import Late, delay_of, plan_late, problem_of
@@ -116,7 +117,7 @@ def plan_in_worlds(
         if not len(failed):
             break
         more = [_in_world(problem, judge.params[world]) for world in failed]
-        found = _solve_from(plans[best][1], more, x0, delay)
+        found = _solve_from(plans[best][1], more, judge.starts(x0, failed), delay)
         plans += list(zip(more, found, strict=True))
         well = np.concatenate([well, judge(found)])
     index = int(np.argmax(well.sum(axis=1)))
@@ -151,6 +152,14 @@ class _Judge:
                 for each, row in zip(self.params, table[:, columns], strict=True):
                     each[name] = row.reshape(shape).astype(np.float64)
 
+    def starts(self, x0: np.ndarray, worlds: np.ndarray) -> np.ndarray:
+        """Where plans for some worlds begin, (M, nx), near x0: what follows their numbers does so."""
+        starts, table = np.repeat(x0[None], len(worlds), axis=0), self.worlds.params
+        if table is None:
+            return starts
+        base = self.task.simulator(dtype="float32").params.table()[0].astype(np.float32)
+        return followed(self.task.scene, self.task.disturbances.follow, starts, table[worlds], base)
+
     def __call__(self, plans: list[Result]) -> np.ndarray:
         """(M, W) which worlds succeed as the plans are tracked."""
         policies = {str(i): TrackingPolicy(each, self.period) for i, each in enumerate(plans)}
@@ -163,13 +172,14 @@ def _in_world(problem: Problem, numbers: dict[str, np.ndarray]) -> Problem:
     return problem.with_params(**numbers) if numbers else problem
 
 
-def _solve_from(first: Result, models: list[Problem], x0: np.ndarray, delay: int) -> list[Result]:
-    """Plans of all models from one plan with its feedback, as one batch; controls act so many steps late."""
+def _solve_from(first: Result, models: list[Problem], starts: np.ndarray, delay: int) -> list[Result]:
+    """Plans of all models from one plan with its feedback, as one batch, from starts (M, nx); controls act so
+    many steps late.
+    """
     names = models[0].params.names
     rows = {name: np.stack([model.params[name] for model in models]) for name in names}
     late, many = Late.of(models[0].with_params(**rows), delay), len(models)
     us, xs, K = (np.repeat(getattr(first, name)[None, delay:], many, axis=0) for name in ("us", "xs", "K"))
-    starts = np.repeat(x0[None], many, axis=0)
     options = Options(max_iterations=PASSES, method=late.rest.quick_method)
     found = solve(late.rest, late.begin(starts), us, options, xs0=xs, K0=K)
     found = late.extend(found, starts)

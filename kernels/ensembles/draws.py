@@ -83,6 +83,29 @@ def make_corners_kernel(dtype: type) -> wp.Kernel:
     return corners_kernel
 
 
+@cached
+def make_follow_kernel(dtype: type) -> wp.Kernel:
+    """Starts that go with parameters: what these are more than the scene's, times a factor, is added."""
+
+    @specialised
+    def follow_kernel(
+        first: int,
+        by: wp.array2d(dtype=wp.int32),  # (F, 2): component of the start, column of the parameters
+        numbers: wp.array2d(dtype=dtype),  # (F, 2): factor, the scene's number
+        params: wp.array2d(dtype=dtype),  # (B, P)
+        x0: wp.array2d(dtype=dtype),  # (B, nx)
+        out: wp.array2d(dtype=dtype),  # (B, nx)
+    ):
+        i = first + wp.tid()
+        for j in range(out.shape[1]):
+            out[i, j] = x0[i, j]
+        for n in range(by.shape[0]):
+            more = numbers[n, 0] * (params[i, by[n, 1]] - numbers[n, 1])
+            out[i, by[n, 0]] = out[i, by[n, 0]] + more
+
+    return follow_kernel
+
+
 @specialised
 def pick_kernel(
     first: int,

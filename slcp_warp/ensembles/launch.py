@@ -30,6 +30,7 @@ from .worlds.between import counted_in_steps
 from .worlds.columns import read_columns
 from .worlds.draws import Draws, Given
 from .worlds.events import Written, events_of, put_pushes
+from .worlds.placed import placed
 
 CHUNK_BYTES = 128 * 2**20
 CHUNK_SHARE = 128  # of a GPU's memory, where that is more: few worlds leave it idle
@@ -148,17 +149,18 @@ class Case:
         `told`: see `Written`, filled with what steps begin from.
         """
         worlds = self.draws.worlds(world0, count)
+        begun = placed(self.sim, self.draws.disturbances, worlds)
         records: wp.array = wp.zeros((count, *self.records), dtype=wp.float32, device=self.sim.device)
         self.conditions.world0 = world0
         policy = self.policy
         if self._timed is not None or self._counted:  # no world makes steps of another size
             self._check_sizes(np.ravel(read_columns(worlds.params, [STEP_SIZE])))
         if not isinstance(policy, tuple):
-            policy = OnHost(self.sim, policy, self.conditions, worlds)
+            policy = OnHost(self.sim, policy, self.conditions, begun)
         written = Written(records, nothing_noted(self.sim, count), told)
         whole = told is not None and self.roll_out is handed_on  # fast kernels tell nothing
         roll_out: Any = at_once if whole else self.roll_out
-        kept, status = roll_out(self.sim, policy, self.conditions, self.table, worlds, written)
+        kept, status = roll_out(self.sim, policy, self.conditions, self.table, begun, written)
         seen = written.noted.numpy()
         found = {
             "records": records.numpy().copy(),

@@ -21,6 +21,7 @@ from ..launch import nothing_noted
 from ..tasks import case_of, columns_of, judged_of
 from ..worlds.draws import draws_of_task
 from ..worlds.events import Written
+from ..worlds.placed import placed
 from .reward import reward_of
 from .rows import begin_anew
 
@@ -159,7 +160,7 @@ class Environment(Printed):
         self._draws = draws_of_task(sim, task, task.disturbances, seed, self._h)
         case = case_of(task, sim, self._echo, self._draws, self._judged, self._h, worlds=count, seed=seed)
         self._case, self._numbers = case, np.arange(count)
-        self._worlds = self._draws.of_numbers(self._numbers)
+        self._worlds = placed(sim, task.disturbances, self._draws.of_numbers(self._numbers))
         self._policy = OnHost(sim, case.policy, case.conditions, self._worlds)
         records: wp.array = wp.zeros((count, 0, 0), dtype=wp.float32, device=sim.device)
         self._noted = nothing_noted(sim, count)
@@ -255,7 +256,7 @@ class Environment(Printed):
             )
         self._numbers[slots] += self.worlds
         self._paid[slots] = 0.0
-        fresh = self._draws.of_numbers(self._numbers[slots])
+        fresh = placed(self.sim, self.task.disturbances, self._draws.of_numbers(self._numbers[slots]))
         begin_anew(self.sim, self._case.conditions, self._running, self._worlds, self._noted, slots, fresh)
 
     def _observe(self) -> np.ndarray:

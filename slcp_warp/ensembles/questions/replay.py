@@ -19,6 +19,7 @@ from ..launch import Recorded
 from ..tasks import case_of, judged_of
 from ..worlds import Worlds
 from ..worlds.draws import Given
+from ..worlds.placed import placed
 from .made_again import recorded, steps_told
 
 
@@ -78,13 +79,15 @@ def replay(
     each = sim.nx + len(wanted) * (sim.nx + sim.nu + 2 * sim.nr + 3 * len(task.scene.bodies))
     checks.memory("worlds: their states", len(given) * (steps + 1) * each, 8, sim.device)
     judged = judged_of(task)  # those of a sweep, whose kernels are shared
+    draws = Given(sim, task, given, h)
     run = case_of(
-        task, sim, policy, Given(sim, task, given, h), judged, h, worlds=len(given), duration=steps * h,
+        task, sim, policy, draws, judged, h, worlds=len(given), duration=steps * h,
         seed=checks.whole("seed", seed, 0), record=Recorded(tuple(range(sim.nx)), h),
     )  # fmt: skip
     told = steps_told(sim, len(given), steps) if wanted else None
     found = run.launch(0, len(given), told)
-    states = given.x0[:, None] + found["records"].astype(float)
+    begun = placed(sim, task.disturbances, draws.worlds(0, len(given))).numpy()
+    states = begun.x0[:, None] + found["records"].astype(float)
     parameters = sim.params
     if given.params is not None:
         layout = sim.params.layout

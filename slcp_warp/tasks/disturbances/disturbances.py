@@ -13,6 +13,7 @@ from slcp_warp.kernels.structure import layout
 from ...description.scene import Scene
 from ...inputs.checks import array, instance, number, shown
 from ...inputs.errors import ArgumentError
+from . import follow as follows
 from . import laws
 from .distributions import Distribution, LogNormal, Normal, Uniform, fixed_or_drawn, of
 from .events import Dropout, Push, latest_end
@@ -33,6 +34,10 @@ class Disturbances:
             `start` disturbs single components.
         start: the same for single components by their names, instead of these; a `Uniform` one stands in
             place of the start's number.
+        follow: state name -> parameter of one number, or factors by the names of several: the start is moved
+            by as much as a world's number is more than the scene's, times its factor, beside what `start`
+            draws. {"box.y": "box.radius_1"} is a box of any height that stands on the ground. Worlds that
+            are given (`Worlds.x0`) are moved, too.
         parameters: name -> distribution (a draw for each body, shape, contact or degree of freedom, or one
             for all of them, `shared`; mass and inertia of a body share theirs where both are named; "mass"
             alone changes no inertia); "block.mass" is of one part.
@@ -55,6 +60,7 @@ class Disturbances:
     position: float = 0.0
     velocity: float = 0.0
     start: Mapping[str, Any] = field(default_factory=dict)
+    follow: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
     torque: float = 0.0
     sensor: Any = 0.0
@@ -81,6 +87,7 @@ class Disturbances:
         put(self, "dropped", number("Disturbances.dropped", self.dropped, 0.0, 1.0))
         for name, plain in (("start", Normal), ("parameters", LogNormal), ("kicks", Normal)):
             put(self, name, self._drawn(name, plain))
+        put(self, "follow", follows.checked(self.follow))
         for key, drawn in self.parameters.items():
             laws.check_parameters(key, drawn)
         if isinstance(self.sensor, Mapping):
@@ -132,7 +139,7 @@ class Disturbances:
     def check(self, scene: Scene, duration: float) -> None:
         """Raise ArgumentError for names that the scene has not got, and for what comes after a run's end."""
         laws.parameter_laws(scene, np.zeros(layout(scene.structure).width), self.parameters)
-        self.start_laws(scene, scene.x0), self.kick_laws(scene)
+        self.start_laws(scene, scene.x0), self.kick_laws(scene), follows.columns(scene, self.follow)
         if isinstance(self.sensor, Mapping):
             for name in self.sensor:
                 scene.state_index(name)
@@ -219,7 +226,9 @@ class Disturbances:
         """Names of what does not act in undisturbed worlds."""
         fixed = self.fixed()
         return tuple(
-            each.name for each in fields(self) if getattr(self, each.name) != getattr(fixed, each.name)
+            each.name
+            for each in fields(self)
+            if each.name != "follow" and getattr(self, each.name) != getattr(fixed, each.name)
         )
 
     def timing_laws(self) -> laws.Laws:

@@ -144,6 +144,11 @@ def schemas() -> dict[str, Any]:
     properties |= {name: {"type": "array", "items": {"$ref": f"#/$defs/{kind.__name__}"}}
                    for name, kind in EVENTS.items()}  # fmt: skip
     properties["before"] = {"anyOf": [number, {"type": "array", "items": number}]}
+    factors = {"type": "object", "additionalProperties": number}
+    properties["follow"] = {
+        "type": "object",
+        "additionalProperties": {"anyOf": [{"type": "string"}, factors]},
+    }
     properties["kick_times"] = {"type": "array", "items": number}
     properties["sensor"] = {"anyOf": [number, {"type": "object", "additionalProperties": number}]}
     event = {"start": drawn, "duration": drawn}
