@@ -46,7 +46,7 @@ from .stepping.strategy import StrategyError
 from .storage.files import FileError
 from .storage.version import __version__ as __version__
 from .tasks import Task, TaskError, TaskFileError, load_task, save_task
-from .tasks.disturbances import Disturbances, Dropout, LogNormal, Normal, Push, Uniform
+from .tasks.disturbances import Disturbances, Dropout, LogNormal, Normal, Push, Uniform, UniformFactor
 
 __all__ = [
     "Actuator",
@@ -98,6 +98,7 @@ __all__ = [
     "Trajectory",
     "Tendon",
     "Uniform",
+    "UniformFactor",
     "Worlds",
     "box",
     "brake",

@@ -127,15 +127,26 @@ class Task(Printed):
         self._check_names()
 
     def __eq__(self, other: Any) -> bool:
-        """Whether all fields are the same: costs by their functions and weights, starts by their numbers."""
+        """Whether all fields are the same: costs by their functions and weights, starts and limits by their
+        numbers.
+        """
         if not isinstance(other, Task):
             return NotImplemented
-        plain = [each.name for each in fields(self) if each.name not in ("cost", "start")]
+        apart = ("cost", "start", "control_limits", "state_limits")
+        plain = [each.name for each in fields(self) if each.name not in apart]
         return (
             all(getattr(self, name) == getattr(other, name) for name in plain)
             and np.array_equal(self.start, other.start)
+            and np.array_equal(self._limits(), other._limits())
             and self.cost.same(other.cost)
         )
+
+    def _limits(self) -> np.ndarray:
+        """All limits of controls and states, (2, nu + nx)."""
+        nx = 2 * self.scene.nv
+        states = self.state_limit_rows() or (np.full(nx, -np.inf), np.full(nx, np.inf))
+        controls = limit_rows(self.control_limits, self.scene.nu)
+        return np.array([np.append(own[0], more) for own, more in zip(controls, states)])
 
     def __hash__(self) -> int:
         return hash((self.name, self.horizon, self.duration))

@@ -221,6 +221,7 @@ CALLS = {
     "LogNormal": (slcp.LogNormal, {"sd": 0.1}, {}),
     "Normal": (slcp.Normal, {"sd": 0.1}, {}),
     "Uniform": (slcp.Uniform, {"low": 0.0, "high": 1.0}, {"low": ("high",)}),
+    "UniformFactor": (slcp.UniformFactor, {"low": 0.5, "high": 1.0}, {"low": ("high",)}),
     "Worlds": (slcp.Worlds, {"x0": X}, {"x0": ("worlds",)}),
     "load_worlds": (slcp.load_worlds, {"path": "/nowhere/worlds.npz"}, {}),
     "save_worlds": (slcp.save_worlds, {"worlds": slcp.Worlds(X), "path": "/nowhere/worlds.npz"}, {}),

@@ -342,7 +342,9 @@ def test_slopes_of_margins_are_differences(device):
     along = SimpleNamespace(us=us, xs=np.tile(scene.x0, (21, 1)), K=gains)
     own = slcp.Task(
         "turn", scene, slcp.costs.terms(scene, [slcp.costs.effort(1.0)]), 20, slcp.Options(scaling="none"),
-        disturbances=slcp.Disturbances(parameters={"mass": 0.1}, kick_times=(0.0,), kick=0.5),
+        disturbances=slcp.Disturbances(
+            parameters={"mass": 0.1}, follow={"link1.angle": {"link2.mass": 0.3}}, kick_times=(0.0,), kick=0.5
+        ),
         success=(m.final("ellipse.angle") > 0.3) & (m.mean(m.cosine("link1.angle")) < 1.5),
     )  # fmt: skip
     sim = simulator("flicking_finger", device, scaling="none")

@@ -121,7 +121,36 @@ class Uniform(Distribution):
         return LAWS.index(self.law), 0.0 if base is None else base, self.low, self.high
 
 
-KINDS = {"log_normal": LogNormal, "normal": Normal, "uniform": Uniform}
+@dataclass(frozen=True)
+class UniformFactor(Distribution):
+    """The number of a parameter times a factor evenly from [low, high]; of an event that factor alone.
+
+    Attributes:
+        low, high: of the factor, above 0.
+        shared: True: all components of a parameter take the same draw; "bodies": those of one body do, and of
+            pairs of shapes those between the same two bodies (the corners of a box on the ground).
+    """
+
+    law: ClassVar[str] = "uniform"
+    low: float
+    high: float
+    shared: bool | str = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "low", number("UniformFactor.low", self.low, 0.0, above=True))
+        _number(self, "high", self.low)
+
+    def row(self, base: Any) -> Row:
+        """See `Distribution`; of one that is negative the lower end is the upper one."""
+        around = 1.0 if base is None else float(base)
+        low, high = self.low * around, self.high * around
+        if low == high:
+            return LAWS.index(Normal.law), low, 0.0, 0.0
+        return LAWS.index(Uniform.law), low, low, high
+
+
+KINDS = {"log_normal": LogNormal, "normal": Normal, "uniform": Uniform, "uniform_factor": UniformFactor}
 
 
 def of(label: str, value: Any, plain: type[LogNormal] | type[Normal]) -> Distribution:

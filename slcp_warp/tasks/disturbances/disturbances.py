@@ -15,7 +15,7 @@ from ...inputs.checks import array, instance, number, shown
 from ...inputs.errors import ArgumentError
 from . import follow as follows
 from . import laws
-from .distributions import Distribution, LogNormal, Normal, Uniform, fixed_or_drawn, of
+from .distributions import Distribution, LogNormal, Normal, Uniform, UniformFactor, fixed_or_drawn, of
 from .events import Dropout, Push, latest_end
 
 Timing = float | Uniform
@@ -133,6 +133,11 @@ class Disturbances:
         return found
 
     def _drawn(self, name: str, plain: Any) -> dict[str, Distribution]:
+        for key, value in self._named(name).items():
+            if isinstance(value, UniformFactor) and plain is Normal:
+                raise ArgumentError(
+                    f"Disturbances.{name}[{key!r}] is {shown(value)}; factors are of parameters"
+                )
         return {key: of(f"Disturbances.{name}[{key!r}]", value, plain)
                 for key, value in self._named(name).items()}  # fmt: skip
 
@@ -244,8 +249,9 @@ class Disturbances:
         return nv * len(self.kick_times) + pushed * len(self.pushes) + dropped * len(self.dropouts) + timed
 
     def any(self) -> bool:
-        """Whether anything is disturbed."""
-        return any(getattr(self, each.name) != getattr(NONE, each.name) for each in fields(self))
+        """Whether anything is disturbed; what follows nothing is not."""
+        names = [each.name for each in fields(self) if each.name != "follow"]
+        return any(getattr(self, name) != getattr(NONE, name) for name in names)
 
 
 NONE = Disturbances()

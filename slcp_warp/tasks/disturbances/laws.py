@@ -15,12 +15,14 @@ from ...description.scene import Scene
 from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
 from ...inputs.rules import NONNEGATIVE, PERTURBABLE, POSITIVE
-from .distributions import BODIES, Distribution, Normal, Uniform, row_of
+from .distributions import BODIES, Distribution, LogNormal, Normal, Uniform, UniformFactor, row_of
 from .events import Drawn
 
 FACTORS = ("gravity", "radius")  # parameters that keep their directions and shapes: factors only
 TWO_SIZES = ("ellipse", "capsule", "rectangle")
 ONE_SIZE = ("disc", "ring")
+LENGTHS = ("radius", "corner_radius", "com", "anchor", "shape_offset", "spring_length")
+MEASURED_IN = {"mass": "kg", "inertia": "kg m^2", "friction": "shares", **dict.fromkeys(LENGTHS, "m")}
 SHARES = ("restitution",)  # in [0, 1]
 # what may be of either sign
 SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset", "tendon_length")
@@ -223,6 +225,13 @@ def check_parameters(key: str, drawn: Distribution) -> None:
     """Raise ArgumentError for a name, or several that one draw is of, that cannot be drawn, or not so."""
     for name in names_in(key):
         check_parameter(name, drawn)
+    measured = {MEASURED_IN.get(parameter_of(name)[1]) for name in names_in(key)} - {None}
+    if isinstance(drawn, Uniform) and len(measured) > 1:
+        raise ArgumentError(
+            f"Disturbances.parameters[{key!r}] is {shown(drawn)}, one number for what is measured in "
+            f"{' and in '.join(sorted(map(str, measured)))}; a UniformFactor or LogNormal, whose factor they "
+            "share, is needed"
+        )
 
 
 def check_parameter(key: str, drawn: Distribution) -> None:
@@ -246,7 +255,7 @@ def check_parameter(key: str, drawn: Distribution) -> None:
         raise ArgumentError(
             f"{label} is {shown(drawn)}; {name} is of no body: shared True or False is needed"
         )
-    if drawn.law not in kinds:
+    if (LogNormal.law if isinstance(drawn, UniformFactor) else drawn.law) not in kinds:
         need = " or ".join(sorted(kinds - {"none"}))
         raise ArgumentError(f"{label} is {shown(drawn)}; {name} takes {need}")
     if isinstance(drawn, Uniform):

@@ -1,9 +1,10 @@
 """Disturbances as the data of a file.
 
-A distribution is {uniform = [low, high]}, {normal = sd, mean = 0.0} or {log_normal = sd, median = 1.0}, each
-with shared = true or "bodies" where it is; a number stands for a plain one (`Disturbances`), of a push or a
-dropout for itself. A push is {body, start, duration, force = [x, y], torque, at = [x, y]}, a dropout {start,
-duration}.
+A distribution is {uniform = [low, high]}, {uniform_factor = [low, high]}, {normal = sd, mean = 0.0} or
+{log_normal = sd, median = 1.0}, each with shared = true or "bodies" where it is; a number stands for a plain
+one (`Disturbances`), of a push or a dropout for itself. A push is {body, start, duration, force = [x, y],
+torque, at = [x, y]}, a dropout {start, duration}. What follows is {state = "parameter"} or {state =
+{parameter = factor}}.
 """
 
 import dataclasses
@@ -13,7 +14,7 @@ from typing import Any
 from ...inputs.errors import InputError
 from ...storage.tables import below, entries, place, table
 from ..notation import NotationError
-from .distributions import BODIES, KINDS, Distribution, LogNormal, Normal, Uniform
+from .distributions import BODIES, KINDS, Distribution, LogNormal, Normal, Uniform, UniformFactor
 from .disturbances import Disturbances
 from .events import Dropout, Push
 
@@ -22,6 +23,8 @@ DRAWN = {"start": Normal, "parameters": LogNormal, "kicks": Normal}  # by name, 
 TIMING = ("delay", "hold")  # a number or a distribution
 EVENTS = {"pushes": Push, "dropouts": Dropout}
 MORE = {"log_normal": ("median", "shared"), "normal": ("mean", "shared"), "uniform": ("shared",)}
+MORE["uniform_factor"] = MORE["uniform"]
+EVEN = ("uniform", "uniform_factor")  # of two ends
 
 
 def distribution_of(value: Any, where: str) -> Any:
@@ -37,9 +40,9 @@ def distribution_of(value: Any, where: str) -> Any:
     kind = kinds[0]
     given = dict(table(where, value, (kind, *MORE[kind]), (kind,), NotationError))
     numbers = given.pop(kind)
-    if kind == "uniform" and (not isinstance(numbers, list) or len(numbers) != 2):
+    if kind in EVEN and (not isinstance(numbers, list) or len(numbers) != 2):
         raise NotationError(f"{below(where, kind)}: {numbers!r:.60}; [low, high] is needed")
-    arguments = numbers if kind == "uniform" else [numbers]
+    arguments = numbers if kind in EVEN else [numbers]
     return _made(where, lambda: KINDS[kind](*arguments, **given))
 
 
@@ -105,7 +108,7 @@ def distribution_content(value: Any, plain: type | None = None) -> Any:
     if not isinstance(value, Distribution):
         return value
     kind = next(name for name, each in KINDS.items() if isinstance(value, each))
-    if isinstance(value, Uniform):
+    if isinstance(value, Uniform | UniformFactor):
         numbers: Any = [value.low, value.high]
     else:
         numbers = value.sd  # type: ignore[attr-defined]
@@ -133,7 +136,7 @@ def schemas() -> dict[str, Any]:
     drawn = {"anyOf": [number, {"$ref": "#/$defs/Distribution"}]}
     others = {"shared": {"enum": [False, True, BODIES]}}
     kinds = [
-        _table({kind: pair if kind == "uniform" else number}
+        _table({kind: pair if kind in EVEN else number}
                | {name: others.get(name, number) for name in MORE[kind]}, (kind,))
         for kind in KINDS
     ]  # fmt: skip

@@ -95,8 +95,8 @@ def test_questions_move_it_too(device):
         small, still(), ("box.radius_1=", values), ("box.vy", [0.0, 0.01]), worlds=4, seed=2, **given
     )
     np.testing.assert_array_equal(found.successes, np.tile([4, 4, 0, 0], (2, 1)))
-    decided = slcp.sensitivity(small, still(), "height", samples=64, **given)
-    assert decided.names == ("box.radius_1",) and decided.total[0] == pytest.approx(1.0, abs=0.2)
+    decided = slcp.sensitivity(small, still(), measure="height", samples=64, **given)
+    assert decided.names == ("box.radius_1",) and decided.total[0][0] == pytest.approx(1.0, abs=0.2)
 
 
 def test_files_keep_it(tmp_path):

@@ -24,6 +24,7 @@ from ....options import OptionError
 from ....parameters import Parameters
 from ....policies import Around
 from ....simulator import Simulator
+from ....tasks.disturbances.follow import columns, followed
 from ....tasks.task import Task
 from .margin import Margin
 from .numbers import Numbers
@@ -45,7 +46,7 @@ def slopes_of(task: Task, policy: Any, numbers: Numbers, judge: Margin, device: 
     d = task.disturbances
     plain = not (d.pushes or d.dropouts or d.delay or d.hold or task.observation or task.failure)
     plain = plain and all(t == 0.0 for t in d.kick_times)
-    known = all(m.reduction in REDUCTIONS and _smooth(m.of) for m in judge.measures)
+    known = all(m.reduction in REDUCTIONS and m.where is None and _smooth(m.of) for m in judge.measures)
     if not plain or not known or task.options.hard:
         return None
     sim = Simulator(task.scene, task.options, device=device, dtype="float64")
@@ -76,7 +77,7 @@ class ClosedLoop:
     """Runs of a task under a policy, with slopes."""
 
     def __init__(self, sim: Simulator, task: Task, policy: Any) -> None:
-        self.sim, self.task = sim, task
+        self.sim, self.task, self.follow = sim, task, task.disturbances.follow
         self.policy = policy if task.control_limits is None else Around(policy, limits=task.control_limits)
         gain = getattr(policy, "K", None)  # of a plan, by step: (worlds, steps, nu, nx)
         own = isinstance(gain, np.ndarray) and gain.ndim == 4
@@ -86,7 +87,7 @@ class ClosedLoop:
     def margins(self, z: np.ndarray, numbers: Numbers, judge: Margin) -> tuple[np.ndarray, np.ndarray]:
         """Margins (K,) and their slopes by z (K, d); NaN where there are none."""
         sim, worlds = self.sim, numbers.worlds(z).numpy()
-        x0 = np.array(worlds.x0)
+        x0 = followed(sim.scene, self.follow, worlds.x0, worlds.params, sim.params.table()[0])
         if worlds.kicks is not None:
             x0[:, sim.nx // 2 :] += worlds.kicks.sum(axis=1)
         params = self._parameters(worlds.params)
@@ -98,6 +99,8 @@ class ClosedLoop:
         if gains is None:
             return margin, np.full(z.shape, np.nan)
         by_start, by_table = self._adjoint(x0, worlds.params, states, controls, gains, run.status, weights)
+        for state, column, factor in columns(sim.scene, self.follow):
+            by_table[:, column] += factor * by_start[:, state]
         out = np.zeros_like(z)
         by = {"x0": by_start, "params": by_table, "kicks": by_start[:, sim.nx // 2 :]}
         for name, slopes in numbers.slopes(z).items():

@@ -24,6 +24,7 @@ def scenario_of(task: Task, numbers: Numbers, world: Worlds) -> Task | None:
         least = 0.5 * task.scene.step_size  # what rounds to no step is none
         delay *= delay >= least
         found = Disturbances(delay=delay, hold=hold * (hold >= least), before=own.before if delay else None)
+    found = replace(found, follow=own.follow)
     if given.kicks is not None:
         kicks = given.kicks[0]
         if len(kicks) > 1 and np.ptp(kicks, axis=0).any():

@@ -66,7 +66,8 @@ def searched(
         0.5 * (span.low + span.high) if isinstance(span, Uniform) else span for span in (own.delay, own.hold)
     ]
     delay, hold = (span if span >= 0.5 * task.scene.step_size else 0.0 for span in timing)
-    alone = Disturbances(delay=delay, hold=hold)  # drawn ones at their mean, what rounds to no step none
+    # drawn times at their mean, what rounds to no step none
+    alone = Disturbances(delay=delay, hold=hold, follow=own.follow)
     assert task.duration is not None
     if time is not None:
         time = number("time", time, 0.0)

@@ -1,0 +1,75 @@
+"""Numbers of a world that are factors from an interval; one draw of what is measured alike, or by factor."""
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp import measures as m
+
+SCENE = slcp.scenes.push_block()
+
+
+def drawn(parameters, count=4000, **changes):
+    task = slcp.Task(
+        "push", SCENE, duration=0.1, disturbances=slcp.Disturbances(parameters=parameters, **changes),
+        measures={"x": m.final("block.x")},
+    )  # fmt: skip
+    worlds = slcp.draw_worlds(task, count, dtype="float64", device="cpu")
+    table, plain = slcp.Parameters(SCENE).from_table(worlds.params), slcp.Parameters(SCENE)
+    found = {name: table[name] / plain[name] for name in ("mass", "inertia")}
+    return task, found | {"radius": table["radius"]}
+
+
+def test_factors_are_even_and_shared():
+    _, found = drawn(
+        {"block.mass, block.inertia": slcp.UniformFactor(0.7, 1.3), "radius": slcp.UniformFactor(0.5, 2.0)}
+    )
+    block = [body.name for body in SCENE.bodies].index("block")
+    factor = found["mass"][:, block]
+    np.testing.assert_allclose(found["inertia"][:, block], factor, rtol=1e-12)
+    assert 0.7 <= factor.min() < 0.705 and 1.295 < factor.max() <= 1.3
+    counts, _ = np.histogram(factor, 8, (0.7, 1.3))
+    assert ((counts - 500.0) ** 2 / 500.0).sum() < 24.3  # chi squared of 7, 99.9 %
+    other = np.delete(found["mass"], block, 1)
+    np.testing.assert_array_equal(other, 1.0)
+    size = found["radius"][:, [shape.name for shape in SCENE.shapes].index("pusher"), 0]
+    size = size / next(shape.radius for shape in SCENE.shapes if shape.name == "pusher")
+    assert 0.5 <= size.min() < 0.51 and abs(np.corrcoef(size, factor)[0, 1]) < 0.06
+
+
+def test_a_factor_of_one_is_no_draw():
+    task, found = drawn({"block.mass": slcp.UniformFactor(2.0, 2.0)}, 8)
+    np.testing.assert_array_equal(found["mass"].max(axis=1), 2.0)
+    report = slcp.sweep(task, slcp.policies.Linear(np.zeros((1, 8)), SCENE.x0, [0.0]), worlds=4, device="cpu")
+    assert not any(name.startswith("drawn_") for name in report.table)
+
+
+def test_files_keep_factors(tmp_path):
+    task, _ = drawn({"mass": slcp.UniformFactor(0.7, 1.3, shared=True)}, 2)
+    slcp.save_task(task, tmp_path / "push.json")
+    assert slcp.load_task(tmp_path / "push.json").disturbances == task.disturbances
+
+
+@pytest.mark.parametrize(
+    "make, text",
+    [
+        (lambda: slcp.UniformFactor(0.0, 1.0), "UniformFactor.low is 0.0"),
+        (lambda: slcp.UniformFactor(1.5, 1.0), "UniformFactor.high is 1.0"),
+        (lambda: drawn({"block.com": slcp.UniformFactor(0.5, 1.0)}), "com takes normal or uniform"),
+        (lambda: drawn({"restitution": slcp.UniformFactor(0.5, 1.0)}), "restitution takes uniform"),
+        (lambda: drawn({}, start={"block.x": slcp.UniformFactor(0.5, 1.0)}), "factors are of parameters"),
+        (
+            lambda: drawn({"block.mass, block.inertia": slcp.Uniform(0.2, 0.4)}),
+            r"one number for what is measured in kg and in kg m\^2; a UniformFactor or LogNormal",
+        ),
+        (lambda: drawn({"block.mass, pusher.radius": slcp.Uniform(0.2, 0.4)}), "measured in kg and in m;"),
+    ],
+)
+def test_what_is_no_factor_is_refused(make, text):
+    with pytest.raises(slcp.InputError, match=text):
+        make()
+
+
+def test_lengths_may_be_one_number():
+    _, found = drawn({"pusher.radius, block.com_x": slcp.Uniform(0.01, 0.02)}, 4)
+    assert np.ptp(found["radius"]) > 0.0
