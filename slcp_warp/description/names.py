@@ -136,6 +136,10 @@ def pairs_named(
         found = found or between(shapes, pairs, which)
         if found:
             return tuple(found)
+        there = some(which, list(dict.fromkeys(plain)))
+        raise ArgumentError(
+            f"{label} is {shown(which)}; {there}, and a body or a shape by itself is all that it touches"
+        )
     return (pair_index(label, which, names),)
 
 

@@ -1,11 +1,13 @@
 """Which disturbance matters: Sobol indices of what a task's worlds are drawn from."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...description.columns import places_of
+from ...description.scene import Scene
 from ...inputs import checks
 from ...inputs.errors import ArgumentError
 from ...options import Options
@@ -53,12 +55,36 @@ def factors_of(task: Task) -> list[Factor]:
             address = int(columns.stream[c]), int(columns.step[c])  # who shares it shares the random number
             names.setdefault(address, []).append(columns.names[c])
             found.setdefault(address, Factor("", {})).places.setdefault(table, []).append(c)
-    out = [factor._replace(name=", ".join(names[address])) for address, factor in found.items()]
+    keys = _keys(scene, d.parameters, [factor.places.get("params", []) for factor in found.values()])
+    out = [
+        factor._replace(name=key or ", ".join(names[address]))
+        for key, (address, factor) in zip(keys, found.items(), strict=True)
+    ]
     if len(task.start) > 1:
         out.append(Factor("start", {"x0": list(range(2 * scene.nv))}))
     if d.torque or d.dropped or (any(d.sensor.values()) if isinstance(d.sensor, dict) else d.sensor):
         out.append(Factor(NOISE, {"numbers": [0]}))
     return out
+
+
+def _keys(scene: Scene, given: Mapping[str, Any], draws: list[list[int]]) -> list[str | None]:
+    """The name in the disturbances of each of several columns that one draw is of; None: of it there are
+    several draws, or it is of one column, which has a name.
+    """
+    places = {
+        key: {
+            place
+            for name in laws.names_in(key)
+            for place in places_of(scene, name, "Disturbances.parameters")
+        }
+        for key in given
+    }
+    of = {
+        key: [i for i, columns in enumerate(draws) if columns and set(columns) <= own]
+        for key, own in places.items()
+    }
+    told = {drawn[0]: key for key, drawn in of.items() if len(drawn) == 1}
+    return [told.get(i) if len(columns) > 1 else None for i, columns in enumerate(draws)]
 
 
 def exchanged(a: Worlds, b: Worlds, factor: Factor) -> Worlds:

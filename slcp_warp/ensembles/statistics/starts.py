@@ -45,8 +45,8 @@ class Starts:
             warnings.warn(
                 f"{begin}, of {self.deepest:.2g} at most, which their first steps open at once, with speeds "
                 f"to {self.speed:.2g} a second, unless Options.depenetration_speed is less: starts that fit "
-                "what is drawn are needed (a sweep's column start_overlap says which worlds; Worlds.x0 gives "
-                "starts)",
+                "what is drawn are needed (Disturbances.follow moves them with it, Worlds.x0 gives them; a "
+                "sweep's column start_overlap says which worlds)",
                 RuntimeWarning,
                 stacklevel=stacklevel + 1,
             )

@@ -183,7 +183,7 @@ SHORT = np.zeros((1, 3, 2 * SCENE.nv))
         (
             lambda: recorded().value(m.impulse("blok")),
             slcp.ArgumentError,
-            "pair is 'blok'; there are",
+            "'blok'; there are ground/corner0, ground/corner1, face/pusher, and a body or a shape by itself",
         ),
         (lambda: m.contact(1.5), slcp.ArgumentTypeError, "pair is 1.5"),
         (lambda: m.function(3), slcp.ArgumentTypeError, "f is 3"),

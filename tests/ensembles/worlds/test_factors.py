@@ -73,3 +73,12 @@ def test_what_is_no_factor_is_refused(make, text):
 def test_lengths_may_be_one_number():
     _, found = drawn({"pusher.radius, block.com_x": slcp.Uniform(0.01, 0.02)}, 4)
     assert np.ptp(found["radius"]) > 0.0
+
+
+def test_a_draw_of_many_numbers_has_the_name_that_it_was_given():
+    several = "block.mass, block.inertia"
+    task, _ = drawn({several: 0.1, "friction": slcp.Uniform(0.2, 0.6, shared=True), "pusher.mass": 0.1}, 2)
+    found = slcp.sensitivity(
+        task, slcp.policies.Linear(np.zeros((1, 8)), SCENE.x0, [9.0]), measure="x", samples=64
+    )
+    assert set(found.names) == {several, "friction", "pusher.mass"}
