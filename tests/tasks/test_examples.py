@@ -1,5 +1,7 @@
 """The task files of `examples/tasks` that no other test runs: what happens in them is what they say."""
 
+import runpy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -94,3 +96,21 @@ def test_a_ball_on_a_string_is_swung_up_and_caught(device):
     q = run.states[:, :5]
     reach = np.hypot(q[:, 2] - q[:, 1], q[:, 3] - q[:, 0])
     assert reach.max() < 0.305 and q[-1, 3] > q[-1, 0]
+
+
+def test_a_grip_holds_what_its_friction_can_carry(device):
+    """2 mu F against m g, and against m (g + a) while the lift speeds up; what holds does not slip."""
+    made = runpy.run_path(str(FOLDER / "lift.py"))
+    force, task = 6.0, made["lift"]
+    calm = task.replace(disturbances=replace(task.disturbances, pushes=()))
+    report = slcp.sweep(calm, made["script"](force), worlds=120, cases=task.options, device=device)
+    found = report.part("policy")
+    assert not found["status"].any() and found["start_overlap"].max() < 1e-6
+    carries = 2.0 * force * found["drawn_pad_left(0)/box.friction"] / found["drawn_box.mass"]
+    holds, falls = carries > 1.03 * (9.81 + 6.0 * 0.15 / 0.8**2), carries < 0.97 * 9.81
+    assert holds.sum() > 50 and falls.sum() > 5
+    assert found["success"][holds].all() and found["slid"][holds].max() < 1e-5
+    assert not found["success"][falls].any() and found["slid"][falls].min() > 0.01
+    assert np.isfinite(found["dropped"][falls]).all() and np.isinf(found["dropped"][holds]).all()
+    np.testing.assert_allclose(found["grip"][holds], force, rtol=0.02)
+    np.testing.assert_allclose(np.ptp(found["drawn_box.radius_0"]), 0.3 * 0.03, rtol=0.15)
