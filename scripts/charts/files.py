@@ -16,6 +16,7 @@ from ..support.simulators import mechanism_name
 from ..support.tables import has_columns, is_results
 from . import cycle, falsify, questions, report, space, sweep
 from . import ddp as plans
+from .style import save
 
 SHOWN = 8.0  # seconds of an animation
 
@@ -76,6 +77,11 @@ def chart_files(
     for path, kind in kinds.items():
         pictures += drawers[kind](Order(path, out, names[path], world, surfaces[0] if surfaces else None))
     return pictures
+
+
+def worlds_of(path: Path) -> int:
+    """How many worlds a file of a trajectory has, of which one is drawn; 1 of other files."""
+    return len(slcp.Trajectory.load(path)) if file_kind(path) == "trajectory" else 1
 
 
 def picture_names(files: list[Path]) -> dict[Path, str]:
@@ -148,11 +154,13 @@ def _size(order: Order) -> list[Path]:
 
 
 def _trajectory(order: Order) -> list[Path]:
-    """The limit cycle where it is the finger's, frames, and an animation."""
+    """The limit cycle where it is the finger's, of others all numbers over time; frames, and an animation."""
     run, world = _checked_world(order.path, order.world), order.world
     name, made = order.name, []
     if mechanism_name(run.scene) == SCENE:
         made.append(cycle.cycle_chart(run, order.out / f"{name}_cycle.png", order.surface, world))
+    else:
+        made.append(save(run.plot(world), order.out / f"{name}_numbers.png"))
     made.append(cycle.frames_chart(run, order.out / f"{name}_frames.png", world))
     made.append(run.animate(order.out / f"{name}.gif", world, SHOWN))
     return made

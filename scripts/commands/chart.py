@@ -22,7 +22,7 @@ def chart_command(
     world: Annotated[int, typer.Option(help="World of a trajectory to draw.")] = 0,
 ) -> None:
     """Draw pictures from saved files: contact surface, library, limit cycle, animation, trace, robustness."""
-    from ..charts.files import chart_files  # it loads matplotlib
+    from ..charts.files import chart_files, worlds_of  # it loads matplotlib
 
     out = checked_folder(out)
     chosen: list[Path] = []
@@ -41,6 +41,9 @@ def chart_command(
             chosen.append(path)
     for picture in chart_files(chosen, out, world, {"results": _results}):
         wrote(picture)
+    for path in chosen:
+        if (count := worlds_of(path)) > 1:
+            typer.echo(f"{path} has {count} worlds; world {world} is drawn, another by --world")
 
 
 def _results(order: "Order") -> list[Path]:

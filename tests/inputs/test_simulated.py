@@ -51,7 +51,7 @@ def test_a_trajectory_draws_the_users_own_mechanism(tmp_path, name):
     angle = record["states"][0, 0, 0]
     np.testing.assert_allclose(tip, [3.0 * np.sin(angle), -3.0 * np.cos(angle)])  # twice the com: a rod's tip
     call("chart", path, "--out", tmp_path)
-    assert {p.name for p in tmp_path.iterdir()} == {"run.npz", "run_frames.png", "run.gif"}
+    assert {p.name for p in tmp_path.iterdir()} == {"run.npz", "run_numbers.png", "run_frames.png", "run.gif"}
 
 
 def test_scene_options_and_parameters_come_back_exactly(tmp_path):
