@@ -29,6 +29,7 @@ initial_state = [0.4, 0.0]
 def call(*arguments):
     result = CliRunner().invoke(app, [str(a) for a in arguments])
     assert result.exit_code == 0, result.output + str(result.exception)
+    return result.stdout
 
 
 def simulated_file(folder, name):
@@ -118,3 +119,11 @@ def test_a_plan_for_another_mechanism_of_the_same_name_is_refused(tmp_path):
                                       str(tmp_path / "plan.npz"), "--device", "cpu",
                                       "--out", str(tmp_path / "x.npz")])  # fmt: skip
     assert result.exit_code == 2 and "was planned for scene" in result.stderr
+
+
+def test_which_of_several_worlds_is_drawn_is_said(tmp_path):
+    scene = slcp.scenes.ball_drop()
+    sim = slcp.Simulator(scene, device="cpu")
+    sim.rollout(np.tile(scene.x0, (3, 1)), np.zeros((3, 5, 0))).save(tmp_path / "run.npz")
+    said = call("chart", tmp_path / "run.npz", "--world", 2, "--out", tmp_path)
+    assert "run.npz has 3 worlds; world 2 is drawn, another by --world" in said.replace("\n", " ")

@@ -159,26 +159,9 @@ def test_every_number_of_the_summary_can_be_read():
     assert all(f" {body.name}" in text for body in scene.bodies)
 
 
-def test_which_of_several_worlds_is_drawn_is_said(tmp_path):
-    scene = scenes.ball_drop()
-    sim = slcp.Simulator(scene, device="cpu")
-    sim.rollout(np.tile(scene.x0, (3, 1)), np.zeros((3, 5, 0))).save(tmp_path / "run.npz")
-    said = call("chart", tmp_path / "run.npz", "--world", 2, "--out", tmp_path).stdout
-    assert "run.npz has 3 worlds; world 2 is drawn, another by --world" in said.replace("\n", " ")
-
-
 def test_a_scene_with_a_ground_is_drawn(tmp_path):
-    ball = (
-        "simulate",
-        "--scene",
-        "ball_drop",
-        "--steps",
-        60,
-        "--device",
-        "cpu",
-        "--out",
-        tmp_path / "ball.npz",
-    )
+    ball = ("simulate", "--scene", "ball_drop", "--steps", 60)
+    ball += ("--device", "cpu", "--out", tmp_path / "ball.npz")
     deep = call(*ball, "--start", "0,0.09,0,0,0,0").stderr
     assert "slcp: the start overlaps: ground/ball by 0.01" in deep.splitlines()
     assert "overlaps" not in call(*ball).stderr
