@@ -207,14 +207,24 @@ def count(
     return _of_condition("count", condition, start, end, where)
 
 
-def contact_share(pair: str | int | None = None) -> Measure:
+def contact_share(
+    pair: str | int | None = None,
+    start: float = 0.0,
+    end: float | None = None,
+    where: Condition | None = None,
+) -> Measure:
     """Share of the steps in which a pair, or any of several, pushes; named as of `contact`."""
-    return mean(contact(pair))
+    return mean(contact(pair), start, end, where)
 
 
-def lowest_gap(pair: str | int | None = None) -> Measure:
+def lowest_gap(
+    pair: str | int | None = None,
+    start: float = 0.0,
+    end: float | None = None,
+    where: Condition | None = None,
+) -> Measure:
     """The lowest distance of a pair, or of several, before a step [m]; infinite without any."""
-    return smallest(gap(pair))
+    return smallest(gap(pair), start, end, where)
 
 
 def cost() -> Measure:
@@ -222,6 +232,11 @@ def cost() -> Measure:
     return Measure("accumulated", step_cost())
 
 
-def impulse(pair: str | int | None = None) -> Measure:
+def impulse(
+    pair: str | int | None = None,
+    start: float = 0.0,
+    end: float | None = None,
+    where: Condition | None = None,
+) -> Measure:
     """All normal impulses of a pair, or of several pairs, together [N s]; named as of `contact`."""
-    return total(normal_impulse(pair))
+    return total(normal_impulse(pair), start, end, where)

@@ -21,6 +21,7 @@ from ..inputs.errors import ArgumentError, ArgumentTypeError
 FORCES = ("normal_force", "tangential_force")
 RUBS = ("tangential_impulse", "tangential_force")
 OF_CONTACTS = ("contact", "gap", "impulse", "slip", "tangential_impulse", *FORCES)
+WITH_MINUS = ("state", "point", "distance")  # signals that another one may be taken off
 NO_VALUE = (
     "there is no value yet: join comparisons with & and |, not with and, or; between two bounds is "
     ".between(low, high)"
@@ -88,6 +89,10 @@ class Signal(Compared):
         if self.since_start and self.kind not in SINCE:
             raise ArgumentError(f"Signal.since_start is of a {self.kind}; of {', '.join(SINCE)} it is taken")
         of_points = {"point": ("which",), "distance": ("which", "minus")}.get(self.kind, ())
+        if self.minus is not None and self.kind not in WITH_MINUS:
+            raise ArgumentError(
+                f"minus of a {self.kind} is {shown(self.minus)}; it is of {', '.join(WITH_MINUS)}"
+            )
         for name in ("which", "minus"):
             given = getattr(self, name)
             needed = name in of_points or (given is not None and bool(of_points))

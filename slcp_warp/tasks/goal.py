@@ -12,9 +12,8 @@ TO_A_TARGET = ("square", "cosine", "absolute")  # terms that are least at it
 
 
 def goal(task: Any) -> np.ndarray | None:
-    """The first start of a `Task` with every position at its term's target, the last term's of it. Terms of a
-    difference come then: they move the second position where the first has a target of its own and it has
-    none, else the first one.
+    """The first start of a `Task` with every position at its term's target, the last term's of it, and
+    others where terms of differences put them beside those.
 
     Terms that end before the run does ask for nothing here, nor do those of points. (2 nv,) with zero
     velocities; None where the cost asks for no place, or is no sum of terms.
@@ -31,7 +30,7 @@ def goal(task: Any) -> np.ndarray | None:
     lasting = [row for row, end in zip(rows, ends or [None] * running) if end is None or end > last]
     x, asked = task.start[0].copy(), False
     x[nv:] = 0.0
-    later, told = [], set[int]()
+    later, told = list[tuple[int, float, int]](), set[int]()
     for kind, component, weight, target, _, minus, *_ in (*lasting, *rows[running:]):
         if weight > 0.0 and component < nv and KINDS[int(kind)] in TO_A_TARGET:
             later += [(int(component), target, int(minus))] if minus >= 0 else []
@@ -39,9 +38,24 @@ def goal(task: Any) -> np.ndarray | None:
                 x[int(component)] = target
                 told.add(int(component))
             asked = True
-    for component, target, minus in later:
-        if component not in told:
-            x[component] = x[minus] + target
-        elif minus not in told:
-            x[minus] = x[component] - target
+    _join(x, told, {(component, minus): target for component, target, minus in later})
     return x if asked else None
+
+
+def _join(x: np.ndarray, known: set[int], apart: dict[tuple[int, int], float]) -> None:
+    """Positions that differences lead to from those that are known; of a chain without such a one the second
+    of its first difference stays where it is. What is known at both ends stays.
+    """
+    left = dict(apart)
+    while left:
+        reached = [pair for pair in left if not known.isdisjoint(pair)]
+        if not reached:
+            known.add(next(iter(left))[1])
+            continue
+        component, minus = reached[0]
+        target = left.pop(reached[0])
+        if component not in known:
+            x[component] = x[minus] + target
+        elif minus not in known:
+            x[minus] = x[component] - target
+        known |= {component, minus}

@@ -34,6 +34,22 @@ def test_the_goal_is_where_the_terms_are_least():
     assert goal[at("block.y")] == SCENE.x0[at("block.y")] and not goal[SCENE.nv :].any()
 
 
+def test_differences_lead_from_what_has_a_target():
+    """In chains, whatever comes first; what has a target keeps it."""
+    x, shift, y = (at(name) for name in ("block.x", "pusher.shift", "block.y"))
+    first = Term("square", 1.0, state="pusher.shift", minus="block.y", target=0.1)
+    second = Term("square", 1.0, state="block.y", minus="block.x", target=0.1)
+    whole = Term("square", 1.0, state="block.x", target=1.0)
+    last = Term("square", 1.0, state="pusher.shift", target=0.7)
+    for order in ([whole, first, second], [second, whole, first], [first, second, whole]):
+        np.testing.assert_allclose(task(order).goal()[[shift, y, x]], [1.2, 1.1, 1.0])
+        np.testing.assert_allclose(task([], order).goal()[[shift, y, x]], [1.2, 1.1, 1.0])
+    np.testing.assert_allclose(task([last, first, second]).goal()[[shift, y, x]], [0.7, 0.6, 0.5])
+    np.testing.assert_allclose(task([whole, last, first, second]).goal()[[shift, x]], [0.7, 1.0])
+    alone = task([first]).goal()
+    assert alone[shift] == pytest.approx(SCENE.x0[y] + 0.1) and alone[y] == SCENE.x0[y]
+
+
 def test_terms_of_points_leave_the_goal_of_the_others():
     near = Term("square", 2.0, point=slcp.costs.Point("block", (0.1, 0.0)), minus=slcp.costs.Point("pusher"))
     own = [

@@ -170,6 +170,12 @@ def changed(task: Task, worlds: Worlds, name: str, values: np.ndarray) -> Worlds
     """
     itself, name = name.endswith(ITSELF), name.removesuffix(ITSELF)
     if name in task.scene.state_names:
+        if itself and name in task.disturbances.follow:
+            by = ", ".join(task.disturbances.follow[name])
+            raise ArgumentError(
+                f"{name + ITSELF!r} would be the start itself, which follows {by} (Disturbances.follow); "
+                f"{name!r}, which is added to it, is needed"
+            )
         x0, place = np.array(worlds.x0), task.scene.state_index(name)
         x0[:, place] = values if itself else x0[:, place] + values
         return replace(worlds, x0=x0)

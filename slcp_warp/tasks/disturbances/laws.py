@@ -21,8 +21,10 @@ from .events import Drawn
 FACTORS = ("gravity", "radius")  # parameters that keep their directions and shapes: factors only
 TWO_SIZES = ("ellipse", "capsule", "rectangle")
 ONE_SIZE = ("disc", "ring")
-LENGTHS = ("radius", "corner_radius", "com", "anchor", "shape_offset", "spring_length")
-MEASURED_IN = {"mass": "kg", "inertia": "kg m^2", "friction": "shares", **dict.fromkeys(LENGTHS, "m")}
+LENGTHS = (*("radius", "corner_radius", "com", "anchor", "shape_offset", "spring_length", "tendon_length"),)
+COORDINATES = ("angle", "lower", "upper", "rest")
+MEASURED_IN = {"mass": "kg", "inertia": "kg m^2"} | dict.fromkeys(LENGTHS, "m")
+MEASURED_IN |= dict.fromkeys(COORDINATES, "rad or m")  # all others by units of their own
 SHARES = ("restitution",)  # in [0, 1]
 # what may be of either sign
 SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset", "tendon_length")
@@ -225,11 +227,12 @@ def check_parameters(key: str, drawn: Distribution) -> None:
     """Raise ArgumentError for a name, or several that one draw is of, that cannot be drawn, or not so."""
     for name in names_in(key):
         check_parameter(name, drawn)
-    measured = {MEASURED_IN.get(parameter_of(name)[1]) for name in names_in(key)} - {None}
+    named = {parameter_of(name)[1] for name in names_in(key)}
+    measured = {MEASURED_IN.get(name, f"units of {name}") for name in named}
     if isinstance(drawn, Uniform) and len(measured) > 1:
         raise ArgumentError(
             f"Disturbances.parameters[{key!r}] is {shown(drawn)}, one number for what is measured in "
-            f"{' and in '.join(sorted(map(str, measured)))}; a UniformFactor or LogNormal, whose factor they "
+            f"{' and in '.join(sorted(measured))}; a UniformFactor or LogNormal, whose factor they "
             "share, is needed"
         )
 

@@ -6,6 +6,7 @@ import pytest
 import slcp_warp as slcp
 from slcp_warp import measures as m
 from slcp_warp.measures.recorded import Recorded, checked_measures
+from slcp_warp.measures.signals import Signal
 from slcp_warp.scenes import push_block
 
 H, N = 0.1, 40
@@ -92,6 +93,9 @@ CASES = {
     "share where": (m.share_of_time(m.contact(1) > 0.5, where=m.contact() > 0.5), (0.8, np.nan)),
     "first time where": (m.first_time(m.time() > 0.5, where=m.contact(1) > 0.5), (1.2, np.inf)),
     "rate where": (m.rate("block.x", where=m.since_start("block.x") < -1.95), (np.nan, -1.0)),
+    "impulse where": (m.impulse(where=m.time() > 1.25), (2.0 * 2 + 7.0, 0.0)),
+    "contact share of a window where": (m.contact_share(0, 1.0, 1.25, m.contact() > 0.5), (1.0, np.nan)),
+    "lowest gap where": (m.lowest_gap(where=m.contact(0) > 0.5), (0.01, np.nan)),
     "impulse of a body": (m.impulse("block"), (18.0, 1e-7)),
     "impulse of two bodies": (m.impulse("pusher/block"), (0.0, 1e-7)),
     "force": (m.largest(m.normal_force("block")), (30.0, 1e-6)),
@@ -179,6 +183,11 @@ SHORT = np.zeros((1, 3, 2 * SCENE.nv))
         (lambda: m.mean(0, start=-1.0), slcp.InputError, "start"),
         (lambda: m.mean(0, start=2.0, end=1.0), slcp.InputError, "end"),
         (lambda: m.mean(0, where="contact"), slcp.ArgumentTypeError, "where is 'contact'; a comparison of a"),
+        (
+            lambda: m.final(Signal("gap", 0, minus=1)),
+            slcp.ArgumentError,
+            "minus of a gap is 1; it is of state",
+        ),
         (lambda: m.excursion(m.slip()), slcp.ArgumentError, "since_start is of a slip"),
         (
             lambda: recorded().value(m.impulse("blok")),

@@ -9,6 +9,7 @@ import slcp_warp as slcp
 from slcp_warp import measures as m
 
 HALF = (0.05, 0.04)
+HARD = slcp.Options("hard", friction="coulomb")
 SIZES = slcp.Uniform(0.03, 0.06)
 
 
@@ -44,7 +45,7 @@ def task(follow=FOLLOW, **changes) -> slcp.Task:
         "measures": {"height": m.initial("box.y"), "moved": m.excursion("box.y"), "push": m.impulse("hand")},
         "success": m.excursion("box.y") < 1e-3,
         "duration": 0.1,
-        "options": slcp.Options("hard", friction="coulomb"),
+        "options": HARD,
     }
     return slcp.Task("stand", SCENE, **{**fields, **changes})
 
@@ -97,6 +98,28 @@ def test_questions_move_it_too(device):
     np.testing.assert_array_equal(found.successes, np.tile([4, 4, 0, 0], (2, 1)))
     decided = slcp.sensitivity(small, still(), measure="height", samples=64, **given)
     assert decided.names == ("box.radius_1",) and decided.total[0][0] == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_map_of_what_follows_is_of_what_is_added(device):
+    with pytest.raises(
+        slcp.ArgumentError, match="'box.y=' would be the start itself, which follows box.radius_1"
+    ):
+        slcp.robustness_map(task(), still(), ("box.y=", [0.1, 0.2]), ("mass", [1.0, 2.0]), device=device)
+
+
+def test_searches_by_other_numbers_keep_it(device):
+    """Worlds that begin where they stand do not fail; the failing one that is found begins there, too."""
+    low = task(
+        disturbances=slcp.Disturbances(follow=FOLLOW), success=m.initial("box.y") < 0.045, options=HARD
+    )
+    by = slcp.Disturbances(parameters={"box.radius_1": 0.05})
+    found = slcp.falsify(low, still(), by=by, worlds=64, rounds=4, device=device, dtype="float64")
+    size = np.log(0.045 / HALF[1]) / 0.05
+    assert found.size == pytest.approx(size, rel=0.05)
+    again = slcp.sweep(found.scenario, still(), worlds=1, cases=HARD, device=device, dtype="float64").part(
+        "policy"
+    )
+    assert again["height"][0] > 0.045 and again["start_overlap"][0] < 1e-9
 
 
 def test_files_keep_it(tmp_path):

@@ -58,7 +58,7 @@ def searched(
     for name, given in (("body", body), ("duration", duration), ("at", point)):
         _has_use(name, given, of_kind, ("push",))
     if isinstance(by, Disturbances):
-        return without_noise(by)
+        return without_noise(by if by.follow else replace(by, follow=own.follow))
     if not isinstance(by, str):
         raise ArgumentTypeError(f"by is {shown(by)}; slcp_warp.Disturbances or a name is needed")
     choice("by", by, KINDS)
