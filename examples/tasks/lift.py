@@ -33,7 +33,7 @@ def scene() -> slcp.Scene:
             slcp.Tendon("grip", ("left.shift", "right.shift"), (1.0, 1.0)),
         ),
         actuators=(across, upwards, slcp.Actuator(tendon="grip")),
-        initial_state=(0.0, 0.0, 0.0, 0.0, 0.0, HALF, 0.0) + 7 * (0.0,),
+        initial_state={"box.y": HALF},
         step_size=0.005,
     )
 

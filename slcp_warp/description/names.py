@@ -137,9 +137,7 @@ def pairs_named(
         if found:
             return tuple(found)
         there = some(which, list(dict.fromkeys(plain)))
-        raise ArgumentError(
-            f"{label} is {shown(which)}; {there}, and a body or a shape by itself is all that it touches"
-        )
+        raise ArgumentError(f"{label} is {shown(which)}, no pair, body or shape; {there}")
     return (pair_index(label, which, names),)
 
 

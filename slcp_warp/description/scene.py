@@ -15,7 +15,7 @@ import numpy as np
 from slcp_warp.kernels.structure import Structure, layout
 
 from ..inputs.checks import array, instance
-from ..inputs.errors import SceneError
+from ..inputs.errors import ArgumentError, ArgumentTypeError, SceneError
 from ..storage.printed import Printed, Table
 from . import names
 from .auto_contacts import AUTO, auto_contacts, check_excluded
@@ -48,7 +48,7 @@ class Scene(Printed):
         gravity: [m/s^2].
         step_size: default h > 0 [s].
         sigma: default noise level of the smoothing, > 0 [m/s, rad/s].
-        initial_state: x0 = (q, v), (2 nv,).
+        initial_state: x0 = (q, v), (2 nv,), or numbers by state name, the others zero.
         period: per degree of freedom > 0, or None: q_j and q_j + period look alike.
         implicit_damping: whether dampers, of joints and of springs, act with the velocity at the end of a
             step: stable for every c h/m. False: with that at its start, the paper's r(q, v), which diverges
@@ -69,7 +69,7 @@ class Scene(Printed):
     gravity: Pair2 = (0.0, -9.81)
     step_size: float = 0.01
     sigma: float = 0.1
-    initial_state: tuple[float, ...] | None = None
+    initial_state: tuple[float, ...] | Mapping[str, float] | None = None
     period: tuple[float | None, ...] | None = None
     springs: tuple[Spring, ...] = ()
     implicit_damping: bool = True
@@ -100,8 +100,17 @@ class Scene(Printed):
         if not isinstance(self.contacts, str):
             self._check_listed()
         object.__setattr__(self, "structure", self._structure())
+        if isinstance(self.initial_state, Mapping):
+            object.__setattr__(self, "initial_state", self._named_state(self.initial_state))
         fields.entries("initial_state", 2 * self.structure.nv)
         fields.entries("period", self.structure.nv, optional=True)
+
+    def _named_state(self, given: Mapping[str, float]) -> tuple[float, ...]:
+        """The numbers of a state of which some are given by name."""
+        try:
+            return tuple(self.state(given, np.zeros(2 * self.nv)).tolist())
+        except (ArgumentError, ArgumentTypeError) as error:
+            raise SceneError(f"scene {self.name!r}: initial_state: {error}") from None
 
     def _check_listed(self) -> None:
         """An error for what only "auto" looks at, but for bits, which boxes have by themselves."""

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import os
 import typing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -129,6 +130,10 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
         return _build(hint, value, where)
     if typing.get_origin(hint) is typing.Literal or hint in (float, int, str, bool):
         return value  # the scene's classes look at it
+    if typing.get_origin(hint) is Mapping:
+        if not isinstance(value, dict):
+            raise SceneFileError(f"{where}: {value!r:.60}; a list is needed, or a table of numbers by name")
+        return dict(value)
     items = typing.get_args(hint)
     found = []
     for i, each in enumerate(entries(where, value, SceneFileError)):

@@ -1,5 +1,7 @@
 """Names of states, controls, pairs and rows: as many as there are, unique, each on its own component."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -163,3 +165,21 @@ def test_friction_of_what_does_not_touch_is_refused():
             slcp.Parameters(scene).replace(**{f"{name}.friction": 0.7})
     with pytest.raises(slcp.InputError, match="which are the same; leave one out"):
         slcp.Parameters(scene).replace(**{"floor/left.friction": 0.7, "left/floor.friction": 0.6})
+
+
+def test_a_scene_begins_with_numbers_by_name(tmp_path):
+    named = dataclasses.replace(CART, initial_state={"ball.vy": -1.0, "pole.angle": 0.5})
+    assert np.array_equal(named.x0, CART.state({"ball.vy": -1.0, "pole.angle": 0.5}, np.zeros(10)))
+    slcp.save_scene(named, tmp_path / "cart.json")
+    assert slcp.load_scene(tmp_path / "cart.json") == named
+    text = 'format = "slcp-scene"\nversion = 3\nname = "rod"\ninitial_state = {STATE}\n'
+    text += 'bodies = [{ name = "rod", mass = 1.0, inertia = 0.1 }]\n'
+    path = tmp_path / "rod.toml"
+    path.write_text(text.replace("STATE", '"rod.vangle" = 2.0'))
+    assert slcp.load_scene(path).initial_state == (0.0, 2.0)
+    for given, message in (({"rod.x": 1.0}, "'rod.x'; there are"), ({"rod.angle": np.nan}, "holds nan")):
+        with pytest.raises(slcp.SceneError, match=f"initial_state: .*{message}"):
+            dataclasses.replace(slcp.load_scene(path), initial_state=given)
+    path.write_text(text.replace("{STATE}", "2.0"))
+    with pytest.raises(slcp.SceneFileError, match="a list is needed, or a table of numbers by name"):
+        slcp.load_scene(path)

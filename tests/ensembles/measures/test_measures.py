@@ -192,7 +192,7 @@ SHORT = np.zeros((1, 3, 2 * SCENE.nv))
         (
             lambda: recorded().value(m.impulse("blok")),
             slcp.ArgumentError,
-            "'blok'; there are ground/corner0, ground/corner1, face/pusher, and a body or a shape by itself",
+            "'blok', no pair, body or shape; there are ground/corner0, ground/corner1, face/pusher$",
         ),
         (lambda: m.contact(1.5), slcp.ArgumentTypeError, "pair is 1.5"),
         (lambda: m.function(3), slcp.ArgumentTypeError, "f is 3"),
