@@ -245,18 +245,27 @@ class Report(Printed):
             own = [overlap_text(row["overlapping"])] if deep else []
             rows.append((*(row[key] for key in KEYS), row["worlds"], *own, unsolved, success, *means))
         table = Table("", (*head, *(f"mean {name}" for name in beside)), rows, left=2)
-        return [table] if beside or not self.measures else [table, _means(summary, self.measures)]
+        return [table] if beside or not self.measures else [table, *means_of_parts(summary, self.measures)]
 
 
-def _means(summary: list[dict[str, Any]], measures: Sequence[str]) -> Table:
-    """A row a measure, a column a part: of measures that are too many to stand beside their parts."""
+def means_of_parts(summary: list[dict[str, Any]], measures: Sequence[str]) -> list[Table]:
+    """A row a measure, a column a part: of measures that are too many to stand beside their parts; or the
+    other way round where that fits and this does not, or several tables.
+    """
     several = len({row["step_size"] for row in summary}) > 1
     parts = []
     for row in summary:
         words = [row["policy"], row["case"], *([f"h = {row['step_size']:g}"] if several else [])]
         parts.append(", ".join(words + ([] if row["arm"] == ARMS[0] else [row["arm"]])))
-    rows = [(name, *(_mean(row, name) for row in summary)) for name in measures]
-    return Table("", ("mean of", *parts), rows)
+    most = COLUMNS - 1
+    if len(parts) > most >= len(measures):
+        turned = [(part, *(_mean(row, name) for name in measures)) for part, row in zip(parts, summary)]
+        return [Table("", ("mean of", *measures), turned)]
+    return [
+        Table("", ("mean of", *parts[i : i + most]),
+              [(name, *(_mean(row, name) for row in summary[i : i + most])) for name in measures])
+        for i in range(0, len(parts), most)
+    ]  # fmt: skip
 
 
 def _mean(row: dict[str, Any], name: str) -> Any:

@@ -4,6 +4,7 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import Status
+from slcp_warp.ensembles.outcome import means_of_parts
 from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.ensembles.summary import summary_of
 
@@ -51,3 +52,29 @@ def test_every_measure_is_printed():
         line = next(line for line in many.splitlines() if line.split()[:1] == [f"m{j}"])
         assert line.split() == [f"m{j}", f"{j + 0.5:g}", f"{100 + j + 0.5:g}"]
     assert "a, hard" in many and "b, hard" in many and "more" not in many
+
+
+def test_means_of_many_parts_are_all_printed():
+    """Measures that do not stand beside their parts are rows; where parts are too many for columns, columns;
+    where neither fit, several tables.
+    """
+
+    def told(policies: int, measures: int) -> list[str]:
+        names = tuple(f"m{i}" for i in range(measures))
+        one = {"policy": "", "case": "hard", "step_size": 0.01, "arm": "disturbed", "finite": {}}
+        rows = [one | {"policy": f"p{i}"} | {name: (100.0 * i + j, 0.0, 0.0) for j, name in enumerate(names)}
+                for i in range(policies)]  # fmt: skip
+        for row in rows:
+            row["finite"] = dict.fromkeys(names, 1)
+            row["worlds"] = 1
+        return [table.text() for table in means_of_parts(rows, names)]
+
+    assert [len(told(*sizes)) for sizes in ((4, 12), (12, 5), (20, 12))] == [1, 1, 3]
+    for policies, measures in ((4, 12), (12, 5), (20, 12)):
+        text = "\n".join(told(policies, measures))
+        words = text.split()
+        for i in range(policies):
+            assert f"p{i}, hard" in text
+            for j in range(measures):
+                assert words.count(f"{100.0 * i + j:.4g}") == 1
+        assert "more" not in words
