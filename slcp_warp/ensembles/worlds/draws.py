@@ -21,7 +21,7 @@ from ...tasks.disturbances import Disturbances, Uniform, laws
 from ...tasks.disturbances.laws import Laws
 from ...tasks.task import Task
 from .arrays import Worlds
-from .columns import read_columns
+from .columns import read_columns, told_once
 from .corners import columns_of_corners, with_corners_within
 
 MOST = float(np.finfo(np.float32).max)
@@ -157,8 +157,9 @@ class Draws:
             out["drawn_start"] = self._pick(Which(world0, len(worlds), self._none())).numpy()
         for each, table in zip((self._params, self._x0, *self._events), tables):
             if each in self.told and len(each.laws.varied):
-                columns = zip(each.laws.varied, read_columns(table, each.laws.varied))
-                out |= {f"drawn_{each.laws.names[c]}": drawn.astype(np.float32) for c, drawn in columns}
+                told = told_once(each.laws.names, each.laws.varied.tolist(), each.laws.alike)
+                columns = zip(told, read_columns(table, [place for _, place in told]))
+                out |= {f"drawn_{name}": drawn.astype(np.float32) for (name, _), drawn in columns}
         return out
 
 
@@ -250,9 +251,15 @@ class Given:
         out: dict[str, np.ndarray] = {}
         for kind, names in self._names:
             table = self.tables[kind].reshape(len(self.tables[kind]), -1)
-            for c in np.flatnonzero(np.ptp(table, axis=0)):
-                out[f"drawn_{names[c]}"] = table[world0 : world0 + len(worlds), c].astype(np.float32)
+            varied = np.flatnonzero(np.ptp(table, axis=0)).tolist()
+            for name, c in told_once(names, varied, functools.partial(_equal, table)):
+                out[f"drawn_{name}"] = table[world0 : world0 + len(worlds), c].astype(np.float32)
         return out
+
+
+def _equal(table: np.ndarray, columns: list[int]) -> bool:
+    """Whether columns of a table hold the same numbers."""
+    return not np.ptp(table[:, columns], axis=1).any()
 
 
 def _check_timing(d: Disturbances, timing: np.ndarray) -> None:

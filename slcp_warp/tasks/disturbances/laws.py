@@ -62,6 +62,11 @@ class Laws(NamedTuple):
         spread = np.where(factor & (np.atleast_2d(self.base) == 0.0).all(axis=0), 0.0, spread)
         return np.flatnonzero((self.law > 0) & (spread != 0.0))
 
+    def alike(self, columns: Sequence[int]) -> bool:
+        """Whether columns hold the same number in every world."""
+        rows = (*np.atleast_2d(self.base), self.law, self.first, self.second, self.step, self.stream)
+        return not any(np.ptp(row[list(columns)]) for row in rows)
+
     def put(self, column: int, drawn: Drawn) -> None:
         """The law of a column, around the numbers that are there."""
         law, base, self.first[column], self.second[column] = row_of(drawn, self.base[..., column])

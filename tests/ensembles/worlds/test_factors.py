@@ -82,3 +82,27 @@ def test_a_draw_of_many_numbers_has_the_name_that_it_was_given():
         task, slcp.policies.Linear(np.zeros((1, 8)), SCENE.x0, [9.0]), measure="x", samples=64
     )
     assert set(found.names) == {several, "friction", "pusher.mass"}
+
+
+def test_numbers_of_all_corners_are_told_once():
+    """By the names of the shapes; corners with numbers of their own one by one, and given worlds alike."""
+    pad = {"kind": "rectangle", "radius": (0.1, 0.2), "corner_radius": 0.01}
+    shapes = (slcp.Shape("floor", None, "halfplane", angle=np.pi / 2), slcp.Shape("pad", "pad", **pad))
+    body = slcp.Body("pad", 1.0, 0.1, joint="free")
+    scene = slcp.Scene(
+        "pad", (body,), shapes, (slcp.Contact("floor", "pad", 0.5),), initial_state={"pad.y": 0.2}
+    )
+    push = slcp.policies.Linear(np.zeros((0, 6)), scene.x0, [])
+
+    def told(law, worlds):
+        drawn = slcp.Disturbances(parameters={"friction": law})
+        task = slcp.Task("pad", scene, duration=0.02, disturbances=drawn, measures={"x": m.final("pad.x")})
+        given = slcp.draw_worlds(task, 8, device="cpu") if worlds is None else worlds
+        found = slcp.sweep(task, push, worlds=given, device="cpu", cases=slcp.Options("hard")).part("policy")
+        return [name for name in found if name.startswith("drawn_")], found
+
+    corners = [f"drawn_floor/pad({i}).friction" for i in range(4)]
+    for worlds in (8, None):
+        names, found = told(slcp.Uniform(0.2, 0.8, shared=True), worlds)
+        assert names == ["drawn_floor/pad.friction"] and np.ptp(found[names[0]]) > 0.1
+        assert told(slcp.Uniform(0.2, 0.8), worlds)[0] == corners
