@@ -15,7 +15,7 @@ from ..factories import cached
 from .contacts import FAR, TOUCH
 from .disturbances import ROUNDING, SINGLE
 
-SIGNALS = (
+SIGNALS = (  # from "slip" on those of contacts whose code is where a measure asks for them
     *("state", "cosine", "control", "time", "contact", "gap", "impulse", "function", "cost"),
     *("point", "distance", "slip", "tangential_impulse", "normal_force", "tangential_force"),
 )

@@ -93,8 +93,8 @@ def make_pushing(spec: Specialisation, step: Any, users: Any) -> SimpleNamespace
 
 @cached
 def make_slip(given: type, residual: str) -> wp.Function:
-    """slip(t, k, pair) -> J_t v' of a pair, once its step is solved and before the next one begins; where its
-    normal was found is not remembered, so that motion does not depend on what is looked at.
+    """slip(t, k, pair) -> J_t v' (M6) of a pair [m/s], once its step is solved and before the next one
+    begins; where its normal was found is not remembered, so that motion does not depend on what is looked at.
     """
     contact = make_contact(given, residual)
     GEO = wp.types.vector(8, WORK)

@@ -12,7 +12,8 @@ from .solution import make_solution
 
 @cached
 def make_slips(spec: Specialisation) -> wp.Function:
-    """slips(world, q, v, normal, pairs) -> a vector over the pairs, those of the bits `pairs`: J_t v at q.
+    """slips(world, q, v, normal, wanted) -> a vector over the pairs [m/s]: J_t v (M6) at q of those whose
+    bits `wanted` has, 0 of the others.
 
     `normal` are normals to look for each pair's from, those of the step.
     """

@@ -201,8 +201,8 @@ class Scene(Printed):
         return names.pair_index("contact pair", which, self.pair_names)
 
     def pairs_of(self, which: int | str) -> tuple[int, ...]:
-        """Places of the contact pairs that a name means: one pair; all of two shapes, "left/box"; all between
-        two bodies or shapes, "hand/box", or of one, "box".
+        """Places of the contact pairs that a name means, the first of these that there is: one pair; all of
+        two shapes, "left/box"; all between two bodies or shapes, "hand/box", or of one, "box".
         """
         return names.pairs_named("contact pair", which, self.pair_names, self.shapes, self.structure.pairs)
 

@@ -115,10 +115,8 @@ class Uniform(Distribution):
         _number(self, "high", self.low)
 
     def row(self, base: Any) -> Row:
-        """See `Distribution`; one number alone is none that is drawn."""
-        if self.low == self.high:
-            return LAWS.index(Normal.law), self.low, 0.0, 0.0
-        return LAWS.index(self.law), 0.0 if base is None else base, self.low, self.high
+        """See `Distribution`."""
+        return _evenly(0.0 if base is None else base, self.low, self.high)
 
 
 @dataclass(frozen=True)
@@ -144,10 +142,14 @@ class UniformFactor(Distribution):
     def row(self, base: Any) -> Row:
         """See `Distribution`; of one that is negative the lower end is the upper one."""
         around = 1.0 if base is None else float(base)
-        low, high = self.low * around, self.high * around
-        if low == high:
-            return LAWS.index(Normal.law), low, 0.0, 0.0
-        return LAWS.index(Uniform.law), low, low, high
+        return _evenly(around, self.low * around, self.high * around)
+
+
+def _evenly(base: Any, low: float, high: float) -> Row:
+    """A row of numbers between two ends, whichever is above; one number alone is none that is drawn."""
+    if low == high:
+        return LAWS.index(Normal.law), low, 0.0, 0.0
+    return LAWS.index(Uniform.law), base, low, high
 
 
 KINDS = {"log_normal": LogNormal, "normal": Normal, "uniform": Uniform, "uniform_factor": UniformFactor}
