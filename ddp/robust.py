@@ -13,6 +13,7 @@ import numpy as np
 from slcp_warp import Options as Contact
 from slcp_warp import Task, draw_worlds, sweep
 from slcp_warp.ensembles.statistics import share_interval
+from slcp_warp.ensembles.worlds.seeds import seed_apart
 from slcp_warp.inputs.checks import instance, whole
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.storage.printed import Printed, percent, percents
@@ -125,11 +126,6 @@ def plan_in_worlds(
     again = others([plans[i][1] for i in sorted({0, index})])
     nominal, chosen = (share_interval(int(again[i].sum()), worlds) for i in (0, -1))
     return Robust(*plans[index], index, well.mean(axis=1), worlds, nominal, chosen)
-
-
-def seed_apart(seed: int, use: int) -> int:
-    """A seed for one use of a given seed, which neither other uses nor the seed itself have."""
-    return int(np.random.SeedSequence((seed, use)).generate_state(1)[0] % 2**31)
 
 
 class _Judge:

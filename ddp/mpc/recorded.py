@@ -14,6 +14,7 @@ import numpy as np
 from slcp_warp import Task
 from slcp_warp.ensembles.chunks import ARMS
 from slcp_warp.ensembles.tasks import TaskSweep
+from slcp_warp.ensembles.worlds.seeds import seed_apart
 from slcp_warp.inputs.checks import function, instance, whole
 from slcp_warp.inputs.errors import ArgumentError
 
@@ -22,7 +23,6 @@ from ..library.library import Library
 from ..library.receding import library_header
 from ..options import Options
 from ..problem import Problem
-from ..robust import seed_apart
 from ..workspace import Workspace
 from .mpc import MPC
 

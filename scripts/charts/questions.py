@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.ensembles.questions.axes import meant
 from slcp_warp.ensembles.questions.robustness_map import HEAD as MAP_COLUMNS
-from slcp_warp.ensembles.questions.robustness_map import meant
 from slcp_warp.ensembles.statistics.sensitivity import HEAD as SENSITIVITY_COLUMNS
 from slcp_warp.storage.files import FileError
 

@@ -7,7 +7,7 @@ import pytest
 from test_task_sweep import SCENE, plan, task
 
 import slcp_warp as slcp
-from slcp_warp.ensembles.questions.robustness_map import changed
+from slcp_warp.ensembles.questions.axes import changed
 from slcp_warp.kernels.structure import layout
 from slcp_warp.scripts.charts.questions import read_map
 
