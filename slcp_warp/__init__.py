@@ -27,6 +27,8 @@ from .ensembles.questions.replay import replay
 from .ensembles.questions.robustness_map import RobustnessMap, robustness_map
 from .ensembles.questions.sensitivity import sensitivity
 from .ensembles.questions.sequential import SequentialComparison, compare_sequentially
+from .ensembles.questions.tuning.tune import tune
+from .ensembles.questions.tuning.tuned import Tuned
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
 from .ensembles.statistics.sensitivity import Sensitivity
@@ -97,6 +99,7 @@ __all__ = [
     "TaskFileError",
     "Trajectory",
     "Tendon",
+    "Tuned",
     "Uniform",
     "UniformFactor",
     "Worlds",
@@ -135,6 +138,7 @@ __all__ = [
     "sweep",
     "tasks",
     "touching",
+    "tune",
     "vjp",
     "weighted_hessian",
 ]

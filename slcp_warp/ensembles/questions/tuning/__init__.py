@@ -1,0 +1,1 @@
+"""Numbers of a policy or a design, chosen by how it does in disturbed worlds."""
