@@ -22,6 +22,7 @@ from .commands.sensitivity import sensitivity_command
 from .commands.simulate import simulate_command
 from .commands.sweep import sweep_command
 from .commands.tasks import tasks_command
+from .commands.tune import tune_command
 from .commands.watch import watch_command
 from .paper.quickstart import quickstart_command
 from .paper.size import size_command
@@ -62,6 +63,7 @@ app.command("replay")(replay_command)
 app.command("compare")(compare_command)
 app.command("sensitivity")(sensitivity_command)
 app.command("map")(map_command)
+app.command("tune")(tune_command)
 app.command("rare")(rare_command)
 app.command("falsify")(falsify_command)
 app.command("chart")(chart_command)

@@ -216,6 +216,10 @@ CALLS = {
         slcp.robustness_map,
         {"task": TASK, "policy": library().policy(), "x": ("mass", (1.0,)), "y": ("friction", (1.0,)),
          "device": "cpu"}, {"case": ("cases",), "policy": ("policies",)}),
+    "tune": (
+        slcp.tune,
+        {"task": JUDGED, "policy": library().policy(), "parameters": {"mass": (0.5, 2.0)}, "device": "cpu"},
+        {"case": ("cases",), "policy": ("policies",), "success": ("minimise", "maximise")}),
     "Dropout": (slcp.Dropout, {"start": 0.1, "duration": 0.2}, {}),
     "Push": (slcp.Push, {"body": "ellipse", "start": 0.1, "duration": 0.2}, {}),
     "LogNormal": (slcp.LogNormal, {"sd": 0.1}, {}),
@@ -280,7 +284,7 @@ GIVEN = {
     "Linearization", "Multistart", "ParticleRollout", "Particles", "Pullback", "Pushforward", "Report",
     "Result", "Robust", "RobustnessMap", "Sampled", "Sensitivity", "SequentialComparison", "Situation",
     "StartPolicy",
-    "Status", "Step", "SweepReport", "Trace", "Trajectory",
+    "Status", "Step", "SweepReport", "Trace", "Trajectory", "Tuned",
 }  # fmt: skip
 
 

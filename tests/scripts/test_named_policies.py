@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("typer")
 
-from test_cli import call
+from test_cli import call, fails
 
 import slcp_warp as slcp
 from slcp_warp import ddp
@@ -93,3 +93,42 @@ def test_a_plan_that_nothing_is_felt_of_says_what_may_help(tmp_path):
 def test_two_of_one_name_are_named():
     with pytest.raises(ValueError, match=r"law.py:net and a/net.npz are both 'net' in tables; rename"):
         named_policies(["zero", "law.py:net", "a/net.npz"], slcp.tasks.flicking_finger().scene)
+
+
+CART = """
+import numpy as np
+import slcp_warp as slcp
+from slcp_warp import measures
+scene = slcp.Scene("cart", bodies=(slcp.Body("cart", 2.0, 0.01, joint="prismatic"),),
+                   actuators=(slcp.Actuator("cart"),), step_size=0.05)
+task = slcp.Task("cart", scene, duration=1.0, measures={"place": measures.final("cart.shift")},
+                 success=measures.final("cart.shift") > 1.0,
+                 disturbances=slcp.Disturbances(parameters={"cart.mass": 0.3}))
+def push(force):
+    return slcp.policies.OpenLoop(np.full((20, 1), force), 0.05)
+"""
+
+
+def test_numbers_of_a_policy_in_a_file_are_tuned(tmp_path, monkeypatch):
+    """The least force that moves nine carts in ten by a metre; what was found is a policy in a file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cart.py").write_text(CART)
+    tune = ("tune", "cart.py:task", "--policy", "cart.py:push", "--worlds", 50, "--test-worlds", 60)
+    least = (*tune, "--number", "force=1:20", "--minimise", "force", "--success", 0.9, "--log", "force")
+    said = call(*least, "--rounds", 12, "--device", "cpu", "--save", "push.npz").output
+    assert "least force with success in 90 % of the worlds: force = " in said and "success [%]" in said
+    force = slcp.policies.load_policy("push.npz").us.min()
+    tried = np.genfromtxt("tuned.csv", delimiter=",", names=True)
+    assert 4.0 < force < 10.0 and force == tried["force"][tried["success_share"] >= 0.9].min()
+    call("tune", "cart.py:task", "--policy", "push.npz", "--parameter", "cart.mass==1:20", "--maximise",
+         "cart.mass=", "--success", 0.9, "--worlds", 5, "--test-worlds", 5, "--device", "cpu")  # fmt: skip
+    heaviest = np.genfromtxt("tuned.csv", delimiter=",", names=True)
+    found = heaviest[heaviest["success_share"] == 1.0]
+    assert found["cartmass"].max() == pytest.approx(force * 0.525, rel=0.02)  # FAR: 0.05^2 20 21 / 2
+    for wrong, text in (
+        (("--policy", "push.npz", "--number", "force=1:2"), "file.py:name of a function of force is needed"),
+        (("--policy", "cart.py:pull", "--number", "force=1:2"), "cart.py has no function 'pull'"),
+        (("--policy", "cart.py:push", "--number", "force=1"), "--number is 'force=1'; name=low:high"),
+        (("--policy", "push.npz"), "numbers and parameters are both empty"),
+    ):
+        assert text in fails("tune", "cart.py:task", *wrong, "--device", "cpu")

@@ -27,6 +27,7 @@ FILES = {  # commands that write a file, without their --out
     "map": ("map", TOML, *ZERO, "--x", "mass=1:2:2", "--y", "friction=1:2:2"),
     "sensitivity": ("sensitivity", TOML, *ZERO),
     "rare": ("rare", TOML, *ZERO),
+    "tune": ("tune", TOML, *ZERO, "--parameter", "mass=1:2"),
     "compare": ("compare", TOML, *ZERO, *ZERO, "--sequential"),
     "scenes": ("scenes",),
     "tasks": ("tasks",),
@@ -50,7 +51,14 @@ def test_what_no_command_writes_is_refused_before_anything_is_computed(command, 
 @pytest.mark.parametrize("command", FILES)
 def test_a_folder_in_a_files_place_is_refused_before_anything_is_computed(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    ending = {"scenes": "png", "tasks": "png", "map": "csv", "sensitivity": "csv", "rare": "csv"}
+    ending = {
+        "scenes": "png",
+        "tasks": "png",
+        "map": "csv",
+        "sensitivity": "csv",
+        "rare": "csv",
+        "tune": "csv",
+    }
     ending |= {"sweep of a task": "csv"}
     name = f"x.{ending.get(command, 'npz')}"
     (tmp_path / name).mkdir()

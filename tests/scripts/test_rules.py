@@ -18,7 +18,7 @@ from slcp_warp.scripts.support.asking import steps_of_sweep
 from slcp_warp.scripts.support.rules import NO_RULE, HardRule, OneRule, Rules, told, with_rules
 from slcp_warp.scripts.support.screen import span
 
-COMMANDS = "simulate optimise library sweep compile watch compare sensitivity map rare falsify".split()
+COMMANDS = "simulate optimise library sweep compile watch compare sensitivity map tune rare falsify".split()
 THROW = """
 import slcp_warp as slcp
 from slcp_warp import measures
