@@ -9,7 +9,7 @@ import typer
 import slcp_warp as slcp
 
 from ..support.options import Device, Seed
-from ..support.policies import TaskPolicy, policies_of_task
+from ..support.policies import TaskPolicy, function_of, policies_of_task
 from ..support.rules import HARD_RULE, HardRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.tasks import TaskName
@@ -29,6 +29,10 @@ def map_command(
     ],
     y: Annotated[str, typer.Option(help="The same of another.")],
     policy: TaskPolicy = None,
+    number: Annotated[
+        list[str] | None,
+        typer.Option(help="A name of x or y that is an argument of --policy file.py:function."),
+    ] = None,
     worlds: Annotated[int, typer.Option(help="Disturbed worlds of every cell, the same in all.")] = 256,
     rules: HardRule = HARD_RULE,
     seed: Seed = 0,
@@ -36,13 +40,14 @@ def map_command(
     dtype: Annotated[str, typer.Option(help="float32 or float64.")] = "float32",
     out: Annotated[Path, typer.Option(help="Table to write, .csv; `slcp chart` draws it.")] = Path("map.csv"),
 ) -> None:
-    """Map where a policy holds: its share of successes over factors on parameters, or shifts of the start."""
+    """Map where a policy holds: its share of successes over factors, shifts, or its own numbers."""
     path = prepared(out, ".csv")
     chosen, axes = slcp.load_task(task), (_axis("--x", x), _axis("--y", y))
     case = rules.of(chosen.options)
+    given = function_of(policy, number) if number else policies_of_task(policy, chosen)
     with timed("map"), progress_bar("worlds") as progress:
         found = slcp.robustness_map(
-            chosen, policies_of_task(policy, chosen), *axes, worlds=worlds, seed=seed,
+            chosen, given, *axes, numbers=number or (), worlds=worlds, seed=seed,
             case=case, dtype=dtype, device=device, progress=progress,
         )  # fmt: skip
     found.save(path)

@@ -1,15 +1,14 @@
 """`slcp tune`: numbers of a policy, or of a design, that do best over disturbed worlds."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 import slcp_warp as slcp
-from slcp_warp.storage.python import python_name
 
 from ..support.options import Device, Seed
-from ..support.policies import of_python, policy_of_task
+from ..support.policies import function_of, policy_of_task
 from ..support.rules import HARD_RULE, HardRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.tasks import TaskName
@@ -56,7 +55,7 @@ def tune_command(
     numbers = dict(_range("--number", each) for each in number or [])
     parameters = dict(_range("--parameter", each) for each in parameter or [])
     case = rules.of(chosen.options)
-    given = _function(policy, list(numbers)) if numbers else policy_of_task(policy, chosen)
+    given = function_of(policy, list(numbers)) if numbers else policy_of_task(policy, chosen)
     with timed("search"), progress_bar("worlds") as progress:
         found = slcp.tune(
             chosen, given, numbers, parameters=parameters, minimise=minimise, maximise=maximise,
@@ -82,16 +81,3 @@ def _range(option: str, text: str) -> tuple[str, tuple[float, float]]:
     except ValueError:
         raise ValueError(f"{option} is {text!r:.60}; name=low:high is needed") from None
     return name, (low, high)
-
-
-def _function(given: str | None, names: list[str]) -> Any:
-    """The function of "file.py:name" that makes a policy from numbers."""
-    if given is None or not of_python(given):
-        raise ValueError(
-            f"--policy is {given}; file.py:name of a function of {', '.join(names)} is needed with --number"
-        )
-    file, _, name = given.rpartition(":")
-    found, _ = python_name(Path(file), name)
-    if not callable(found):
-        raise ValueError(f"--policy: {file} has no function {name!r}")
-    return found

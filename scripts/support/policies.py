@@ -10,6 +10,7 @@ import typer
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import delay_of
+from slcp_warp.storage.python import python_name
 
 from .records import load_plan, load_policy, read_kind
 from .tasks import tell_timing
@@ -117,6 +118,19 @@ def policy_name(given: str | Path) -> str:
 def of_python(given: str | Path) -> bool:
     """Whether it is `file.py:name`."""
     return str(given).rpartition(":")[0].endswith(".py")
+
+
+def function_of(given: str | None, names: Sequence[str]) -> Any:
+    """The function of "file.py:name" that makes a policy from numbers of these names."""
+    if given is None or not of_python(given):
+        raise ValueError(
+            f"--policy is {given}; file.py:name of a function of {', '.join(names)} is needed with --number"
+        )
+    file, _, name = str(given).rpartition(":")
+    found, _ = python_name(Path(file), name)
+    if not callable(found):
+        raise ValueError(f"--policy: {file} has no function {name!r}")
+    return found
 
 
 def planning_policy(task: slcp.Task, path: Path | None) -> ddp.MPC:

@@ -125,6 +125,10 @@ def test_numbers_of_a_policy_in_a_file_are_tuned(tmp_path, monkeypatch):
     heaviest = np.genfromtxt("tuned.csv", delimiter=",", names=True)
     found = heaviest[heaviest["success_share"] == 1.0]
     assert found["cartmass"].max() == pytest.approx(force * 0.525, rel=0.02)  # FAR: 0.05^2 20 21 / 2
+    call("map", "cart.py:task", "--policy", "cart.py:push", "--x", "force=1:20:3", "--y", "cart.mass==1:9:2",
+         "--number", "force", "--worlds", 5, "--device", "cpu")  # fmt: skip
+    shares = np.genfromtxt("map.csv", delimiter=",", names=True)["success"]
+    assert shares.tolist() == [0.0, 1.0, 1.0, 0.0, 0.0, 1.0]  # 1 m needs m / .525 N: 1.9 N, 17.1 N
     for wrong, text in (
         (("--policy", "push.npz", "--number", "force=1:2"), "file.py:name of a function of force is needed"),
         (("--policy", "cart.py:pull", "--number", "force=1:2"), "cart.py has no function 'pull'"),

@@ -116,3 +116,36 @@ def test_a_map_of_values_puts_them_in_place_of_what_was_drawn(device, tmp_path):
 def test_what_is_no_axis_is_refused(x, y, text):
     with pytest.raises(slcp.InputError, match=text):
         slcp.robustness_map(task(), plan(), x, y)
+
+
+def test_numbers_of_a_policy_are_an_axis(device):
+    """Each cell is a sweep under the policy of its number; the other is of the task or its own."""
+    options = {"worlds": 40, "seed": 3, "device": device, "case": slcp.Options()}
+    mass = ("block.mass=", (0.5, 2.0))
+    for axes in ((("scale", (0.4, 0.6, 0.9)), mass), (mass, ("scale", (0.4, 0.6, 0.9)))):
+        found = slcp.robustness_map(task(), plan, *axes, numbers="scale", **options)
+        successes = found.successes if axes[1] is mass else found.successes.T
+        assert {found.x, found.y} == {"scale=", "block.mass="} and np.ptp(successes) > 10
+        for i, scale in enumerate((0.4, 0.6, 0.9)):
+            one = slcp.robustness_map(task(), plan(scale), mass, ("block.x", (0.0,)), **options)
+            np.testing.assert_array_equal(successes[:, i], one.successes[0], str(scale))
+    assert "scale of" not in str(found) and "of plan: block.mass x scale, 2 x 3 cells" in repr(found)
+
+
+def test_two_numbers_of_a_policy(device):
+    def both(scale, more):
+        return plan(scale + more)
+
+    x, y = ("scale", (0.2, 0.5)), ("more", (0.1, 0.4))
+    options = {"worlds": 40, "seed": 3, "device": device, "case": slcp.Options()}
+    found = slcp.robustness_map(task(), both, x, y, numbers=("scale", "more"), **options)
+    sums = slcp.robustness_map(
+        task(), plan, ("scale", (0.3, 0.6, 0.9)), ("block.x", (0.0,)), numbers="scale", **options
+    ).successes[0]
+    np.testing.assert_array_equal(found.successes, [[sums[0], sums[1]], [sums[1], sums[2]]])
+    with pytest.raises(slcp.InputError, match=r"a function of \(scale, more\) that gives a policy"):
+        slcp.robustness_map(task(), plan(0.6), x, y, numbers=("scale", "more"), **options)
+    with pytest.raises(slcp.ArgumentError, match="numbers names"):
+        slcp.robustness_map(task(), plan, x, y, numbers="speed", **options)
+    with pytest.raises(slcp.ArgumentError, match="x is 'scale'; a state"):
+        slcp.robustness_map(task(), plan, x, y, **options)

@@ -1,5 +1,6 @@
 """A number of a task that is given other values than what was drawn, by name, in worlds of a sweep."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +18,7 @@ from ..worlds.corners import columns_of_corners
 
 KICKS = "kicks"
 ITSELF = "="  # behind a name whose values are its own
+Axis = tuple[str, np.ndarray]  # a name and its values
 
 
 def set_twice(task: Task, x: str, y: str) -> bool:
@@ -81,8 +83,8 @@ def _columns(task: Task, name: str) -> np.ndarray:
     return laws.parameter_laws(task.scene, base, {name: _any_law(name)}).varied
 
 
-def checked_axis(label: str, task: Task, given: Any) -> tuple[str, np.ndarray]:
-    """A checked name with its values."""
+def checked_axis(label: str, task: Task, given: Any, own: Collection[str] = ()) -> Axis:
+    """A checked name with its values; those in `own` are of a policy, whose values are its own."""
     if not isinstance(given, list | tuple) or len(given) != 2 or not isinstance(given[0], str):
         raise ArgumentError(f"{label} is {shown(given)}; (name, values) is needed")
     name, values = given[0], np.atleast_1d(checks.array(f"the values of {label}", given[1]))
@@ -90,6 +92,8 @@ def checked_axis(label: str, task: Task, given: Any) -> tuple[str, np.ndarray]:
         raise ArgumentError(f"the values of {label} have shape {values.shape}; at least one is needed")
     if len(np.unique(values)) < len(values):
         raise ArgumentError(f"the values of {label} are {shown(given[1])}; each of them once is needed")
+    if name in own:
+        return f"{name}{ITSELF}", values
     itself, whole, name = name.endswith(ITSELF), name, name.removesuffix(ITSELF)
     if name in task.scene.state_names:
         return whole, values

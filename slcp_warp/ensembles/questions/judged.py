@@ -49,16 +49,24 @@ class Judge:
         if len(named) != 1:
             raise ArgumentError(f"policy is {checks.shown(policy)}; one is needed")
         ((self.name, self._policy),) = named.items()
+        self._given = policy
         self._progress: Callable[[int, int], None] | None = checks.function("progress", progress, 2, True)
         self._choices = choices | {"seed": seed, "cases": task.options if case is None else case}
-        self.done, self.starts = 0, Starts()
-        self._check_policy(most)
+        self.done, self.starts, self._most = 0, Starts(), most
+        self._check_policy()
 
-    def _check_policy(self, most: int | None) -> None:
+    def use(self, policy: Any) -> None:
+        """Go on with another policy, by the same name."""
+        if policy is not self._given:
+            self._given = policy
+            ((_, self._policy),) = policies_by_name(policy, self.task).items()
+            self._check_policy()
+
+    def _check_policy(self) -> None:
         """Refuse what is no policy before anything is drawn."""
         one = TaskSweep(self.task, {self.name: self._policy}, worlds=1, **self._choices)
         if not acts_on_host(self._policy):
-            policy_arrays(self._policy, next(iter(one.simulators.values())), most)
+            policy_arrays(self._policy, next(iter(one.simulators.values())), self._most)
 
     def run(self, worlds: Worlds, total: int) -> Columns:
         """The rows of the worlds: what was drawn, measures, success, status; `total`: worlds in all."""

@@ -1,5 +1,6 @@
 """Where a policy holds: the share of successes over a grid of two numbers of a task."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +19,10 @@ from ...storage.rows import save_rows
 from ...tasks.task import Task
 from ..statistics.intervals import share_interval
 from ..statistics.source import NOTED
-from ..worlds import draw_worlds
-from .axes import ITSELF, changed, checked_axis, meant, set_twice
+from ..worlds import Worlds, draw_worlds
+from .axes import ITSELF, Axis, changed, checked_axis, meant, set_twice
 from .judged import Judge
+from .made import made
 
 HEAD = ("x", "y", "x_value", "y_value", "worlds", "success", "low", "high")
 MOST_CELLS = 2**16
@@ -94,6 +96,7 @@ def robustness_map(
     x: tuple[str, Sequence[float] | np.ndarray],
     y: tuple[str, Sequence[float] | np.ndarray],
     *,
+    numbers: Sequence[str] | str = (),
     worlds: int = 256,
     seed: int = 0,
     case: Options | None = None,
@@ -102,19 +105,20 @@ def robustness_map(
     strategy: str = "auto",
     progress: Callable[[int, int], None] | None = None,
 ) -> RobustnessMap:
-    """How often a policy succeeds where two numbers of a task are others than planned for.
+    """How often a policy succeeds where two numbers, of the task or its own, are others than planned for.
 
     Every cell of the grid runs the same disturbed worlds, with two of their numbers changed, so that cells
     differ by these alone.
 
     Args:
         task: what is run, disturbed and judged.
-        policy: one.
+        policy: one; or, with `numbers`, a function of these by name that gives one.
         x, y: name and values: of a parameter, of all parts ("mass") or of one ("block.mass"), as factors on
             what was drawn; of a place or an angle ("hand.shape_offset_x", see `SIGNED` of the disturbances),
             as what is added to it; of a state ("block.x"), as what is added to the start; or of "kicks", as
             factors. With an equals sign behind the name ("block.mass=") the values are a parameter's or a
             state's own, in place of what was drawn; factors of the other axis are on these.
+        numbers: which names of x and y are arguments of the policy's function, whose values they then are.
         worlds: of every cell.
         seed: of all that is drawn.
         case: options of the steps; None: the task's.
@@ -122,28 +126,74 @@ def robustness_map(
         progress: called with (worlds done, worlds in all).
     """
     worlds = checks.whole("worlds", worlds)
-    judge = Judge(task, policy, seed, case, progress, worlds, dtype=dtype, device=device, strategy=strategy)
-    across, down = (checked_axis(label, task, given) for label, given in (("x", x), ("y", y)))
-    if across[0].rstrip(ITSELF) == down[0].rstrip(ITSELF):
-        raise ArgumentError(f"x and y are both {across[0]!r}; two names are needed")
-    if set_twice(task, across[0], down[0]):
-        raise ArgumentError(f"x and y, {across[0]!r} and {down[0]!r}, are both values of the same numbers")
-    width, height = len(across[1]), len(down[1])
-    if width * height > MOST_CELLS:
-        raise ArgumentError(f"x and y have {width} and {height} values; at most {MOST_CELLS} cells are drawn")
+    checks.instance("task", task, Task, "a slcp_warp.Task")
+    own = checks.names("numbers", numbers, [axis[0] for axis in (x, y) if _named(axis)]) if numbers else ()
+    axes = [checked_axis(label, task, given, own) for label, given in (("x", x), ("y", y))]
+    _check_apart(task, axes, own)
+    cells = _Cells(axes, own, policy)
+    judge = Judge(
+        task, cells.policy(0, 0), seed, case, progress, worlds, dtype=dtype, device=device, strategy=strategy
+    )
     each = Parameters(task.scene).layout.width + 2 * task.scene.nv
-    checks.memory("worlds of a row of x", worlds * width * each, 32, wp.get_device("cpu"))
+    checks.memory("worlds of a row of x", worlds * cells.width * each, 32, wp.get_device("cpu"))
     base = draw_worlds(task, worlds, seed, dtype=dtype, device=device)
-    repeated = base[np.tile(np.arange(worlds), width)]
-    along = np.repeat(across[1], worlds)
-    successes, overlapping = np.zeros((2, height, width), np.int64)
-    for j, value in enumerate(down[1]):
-        axes = [(across[0], along), (down[0], np.full(len(along), value))]
-        cells = repeated
-        for name, values in sorted(axes, key=lambda axis: not axis[0].endswith(ITSELF)):  # before factors
-            cells = changed(task, cells, name, values)
-        found = judge.run(cells, worlds * width * height)
-        successes[j] = found["success"].reshape(width, worlds).sum(axis=1)
-        overlapping[j] = (found[NOTED[0]] > OVERLAP).reshape(width, worlds).sum(axis=1)
+    successes, overlapping = np.zeros((2, cells.height, cells.width), np.int64)
+    for j, columns in itertools.product(range(cells.height), cells.together):
+        judge.use(cells.policy(columns[0], j))
+        found = judge.run(cells.worlds(task, base, columns, j), worlds * cells.height * cells.width)
+        successes[j, columns] = found["success"].reshape(-1, worlds).sum(axis=1)
+        overlapping[j, columns] = (found[NOTED[0]] > OVERLAP).reshape(-1, worlds).sum(axis=1)
     judge.starts.tell(stacklevel=2)
-    return RobustnessMap(across[0], down[0], across[1], down[1], successes, worlds, judge.name, overlapping)
+    (across, along), (down, upwards) = axes
+    name = judge.name if not own else getattr(policy, "__name__", judge.name)
+    return RobustnessMap(across, down, along, upwards, successes, worlds, name, overlapping)
+
+
+def _named(axis: Any) -> bool:
+    return isinstance(axis, list | tuple) and len(axis) == 2 and isinstance(axis[0], str)
+
+
+def _check_apart(task: Task, axes: Sequence[Axis], own: Sequence[str]) -> None:
+    """Raise ArgumentError for two axes of the same numbers, and for more cells than are drawn."""
+    (across, along), (down, upwards) = axes
+    if across.rstrip(ITSELF) == down.rstrip(ITSELF):
+        raise ArgumentError(f"x and y are both {across!r}; two names are needed")
+    if not own and set_twice(task, across, down):
+        raise ArgumentError(f"x and y, {across!r} and {down!r}, are both values of the same numbers")
+    if len(along) * len(upwards) > MOST_CELLS:
+        raise ArgumentError(
+            f"x and y have {len(along)} and {len(upwards)} values; at most {MOST_CELLS} cells are drawn"
+        )
+
+
+class _Cells:
+    """The cells of a grid: which policy each has, and which worlds.
+
+    Attributes:
+        width, height: how many values x and y have.
+        together: columns of a row that one policy runs.
+    """
+
+    def __init__(self, axes: Sequence[Axis], own: Sequence[str], policy: Any) -> None:
+        self._axes, self._policy = axes, policy
+        self._own = [name.removesuffix(ITSELF) in own for name, _ in axes]
+        self.width, self.height = (len(values) for _, values in axes)
+        columns = list(range(self.width))
+        self.together = [[i] for i in columns] if self._own[0] else [columns]
+
+    def policy(self, i: int, j: int) -> Any:
+        """Of the cell of the values i of x and j of y."""
+        given = zip(self._axes, self._own, (i, j), strict=True)
+        return made(
+            self._policy, {name.removesuffix(ITSELF): values[k] for (name, values), own, k in given if own}
+        )
+
+    def worlds(self, task: Task, base: Worlds, columns: list[int], j: int) -> Worlds:
+        """Of the cells of some columns of row j, one cell after the other."""
+        cells = base[np.tile(np.arange(len(base)), len(columns))]
+        (across, along), (down, upwards) = self._axes
+        values = np.repeat(along[columns], len(base)), np.full(len(cells), upwards[j])
+        given = [axis for axis, own in zip(zip((across, down), values), self._own) if not own]
+        for name, numbers in sorted(given, key=lambda axis: not axis[0].endswith(ITSELF)):  # before factors
+            cells = changed(task, cells, name, numbers)
+        return cells

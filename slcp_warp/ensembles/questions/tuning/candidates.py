@@ -1,16 +1,14 @@
 """A policy or a design with some numbers, in worlds that all candidates share."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from ....inputs.checks import shown
-from ....inputs.errors import ArgumentTypeError
 from ....options import Options, Status
 from ....tasks.task import Task
 from ...worlds import Worlds
 from ..axes import ITSELF, changed
+from ..made import made
 from ..rare.margin import Margin
 from ..rare.trial import Trial
 from .ranges import Ranges
@@ -31,11 +29,6 @@ class Candidates:
         policy: made from numbers, if the ranges have any of a policy's.
         choices: as of a `Trial`: seed, dtype, device, strategy.
         """
-        if ranges.own and not callable(policy):
-            asked = ", ".join(ranges.names[: ranges.own])
-            raise ArgumentTypeError(
-                f"policy is {shown(policy)}; a function of ({asked}) that gives a policy is needed"
-            )
         self._task, self._given, self._ranges, self._wanted = task, policy, ranges, wanted
         self._case, self._choices, self.done = case, choices, 0
         self._margin = None if task.success is None else Margin(task)
@@ -45,18 +38,7 @@ class Candidates:
 
     def policy(self, numbers: np.ndarray) -> Any:
         """The policy of these numbers (n,)."""
-        own = self.by_name(numbers[: self._ranges.own])
-        if not own:
-            return self._given
-        make: Callable[..., Any] = self._given
-        try:
-            made = make(**own)
-        except Exception as error:
-            error.add_note(f"policy({', '.join(f'{name}={value!r}' for name, value in own.items())})")
-            raise
-        if made is None and self._task.scene.nu:
-            raise ArgumentTypeError(f"policy gave None for {own}; a policy is needed")
-        return made
+        return made(self._given, self.by_name(numbers[: self._ranges.own]))
 
     def by_name(self, numbers: np.ndarray) -> dict[str, float]:
         """The first of the numbers by their names."""
