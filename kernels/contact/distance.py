@@ -90,7 +90,8 @@ def make_round_support(kind: str, dtype: type) -> wp.Function:
 def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
     """geometry(ra, rb, pa, pb, warm) -> GEO and bound(ra, rb, pa, pb) <= d; a half-plane, a capsule
     or a ring can only be A, the latter two only against a disc. `local` is `geometry` by a local search
-    alone: where that does not suffice n is (0, 0). flat(ra, pa, pb): where B touches a capsule A.
+    alone: where that does not suffice n is (0, 0). at(ra, rb, pa, pb, n): GEO at a normal.
+    flat(ra, pa, pb): where B touches a capsule A.
 
     An ellipse of equal radii (zero too) is a disc to rounding, so one pair of ellipses serves all round
     shapes where the kind is known at run time only.
@@ -165,6 +166,7 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
         bound=bound,
         geometry=make_geometry(maximise),
         local=make_geometry(climb),
+        at=direct,
         flat=sides.flat,
         exact=exact,
     )

@@ -7,8 +7,9 @@ import warp as wp
 from ..factories import cached
 from ..mechanism.kinematics import make_types
 from ..structure import CORNERS, DISC, HALFPLANE, RECTANGLE, RING, SIDED, WALLS, WORLD, Structure, layout
+from .aside import make_aside
 from .distance import make_distance, make_round_support
-from .sided import make_core, make_size
+from .sided import make_core, make_sided, make_size
 
 
 @cached
@@ -160,7 +161,8 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     t = make_types(s, dtype)
     pose_a, pose_b = make_shape_pose(s, a, end_a, dtype), make_shape_pose(s, b, end_b, dtype)
     distance = make_distance(kind_a, kind_b, dtype)
-    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
+    V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
+    ZERO = dtype(0.0)
     radii_a, radii_b = make_shape_size(s, a, dtype, end_a), make_shape_size(s, b, dtype, end_b)
     told, RADIUS = make_told(dtype, dtype, MADE[dtype]), layout(s).offset("radius")
     NEAR = dtype(TINY[dtype])
@@ -177,6 +179,29 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
             return wp.static(round_support)(wp.static(radii)(world), pose, n)
 
         return support
+
+    blocks = kind_a == RECTANGLE and end_b in CORNERS
+    beside, aside = make_sided(kind_a, dtype).beside, make_aside(dtype)
+    whole_b, size_b = make_shape_pose(s, b, 0, dtype), make_shape_size(s, b, dtype)
+
+    @wp.func
+    def of_blocks(world: t.World, fr: t.FRAMES, g: GEO, pa: V4, pb: V4):
+        """GEO of a corner of B, or where it overlaps A, by the side by which B leaves."""
+        if g[2] < ZERO:
+            size_a = wp.static(radii_a)(world)
+            if beside(size_a, pa, pb):
+                n = V2(g[0], g[1])
+                n = aside(
+                    size_a,
+                    wp.static(size_b)(world),
+                    pa,
+                    wp.static(whole_b)(world, fr),
+                    pb,
+                    n,
+                    wp.static(int(a < b)),
+                )
+                return wp.static(distance.at)(size_a, wp.static(radii_b)(world), pa, pb, n)
+        return g
 
     @wp.func
     def flat(world: t.World, pa: V4, pb: V4):
@@ -196,6 +221,8 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
             pa = wp.static(pose_a)(world, fr)
             pb = wp.static(pose_b)(world, fr)
             g = wp.static(found)(wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb, warm)
+            if wp.static(blocks):
+                g = wp.static(of_blocks)(world, fr, g, pa, pb)
             if wp.static(len(s.pairs) > 1):  # a single pair has nothing on the other side
                 if wp.abs(g[2]) < NEAR:
                     wide_a = whole(world, wp.static(RADIUS + 2 * a))

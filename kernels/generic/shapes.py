@@ -4,9 +4,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..contact.aside import make_aside
 from ..contact.distance import make_distance
 from ..contact.shapes import make_told, make_upright
-from ..contact.sided import make_core
+from ..contact.sided import make_core, make_sided
 from ..factories import cached
 from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, RECTANGLE, RING, WORLD
 from .mechanism import COLUMN, make_mechanism
@@ -30,6 +31,7 @@ def make_shapes(given: type) -> SimpleNamespace:
     long_distance = make_distance(CAPSULE, DISC, dtype)
     block_distance = make_distance(RECTANGLE, DISC, dtype)
     hollow_distance = make_distance(RING, DISC, dtype)
+    beside_block, aside = make_sided(RECTANGLE, dtype).beside, make_aside(dtype)
     core = make_core(dtype)
     plane_distance = make_distance(HALFPLANE, ELLIPSE, dtype)
     round_distance = make_distance(ELLIPSE, ELLIPSE, dtype)
@@ -116,6 +118,17 @@ def make_shapes(given: type) -> SimpleNamespace:
         rb = radii(t, k, t.pair_b[pair], 0)
         return g[0], g[1], told(g[2], n, ra, rb, pa, pb), g[3], g[4], g[5], g[6]
 
+    @wp.func
+    def block_geometry(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, rb: V2, pa: V4, pb: V4):
+        a = t.pair_a[pair]
+        b = t.pair_b[pair]
+        block = size(t, k, a)
+        g = block_distance.geometry(block, rb, pa, pb, V2())
+        if t.pair_ends[2 * pair + 1] > 1 and g[2] < ZERO and beside_block(block, pa, pb):
+            n = aside(block, size(t, k, b), pa, k.shape[b], pb, V2(g[0], g[1]), wp.where(a < b, 1, 0))
+            g = block_distance.at(block, rb, pa, pb, n)
+        return g
+
     @wp.func(inline=False)
     def geometry(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
         """GEO of a pair without its last entry, its distance as far as the data tell it; the search starts at
@@ -131,8 +144,7 @@ def make_shapes(given: type) -> SimpleNamespace:
         if t.pair_kind[pair] == LONG:
             return parts(t, k, pair, long_distance.geometry(ra, rb, pa, pb, V2()), pa, pb)
         if t.pair_kind[pair] == BLOCK:
-            block = size(t, k, t.pair_a[pair])
-            return parts(t, k, pair, block_distance.geometry(block, rb, pa, pb, V2()), pa, pb)
+            return parts(t, k, pair, block_geometry(t, k, pair, rb, pa, pb), pa, pb)
         if t.pair_kind[pair] == HOLLOW:
             return parts(t, k, pair, hollow_distance.geometry(ra, rb, pa, pb, V2()), pa, pb)
         return parts(t, k, pair, round_distance.geometry(ra, rb, pa, pb, k.normal[pair]), pa, pb)

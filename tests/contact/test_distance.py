@@ -7,6 +7,8 @@ from oracle import Oracle
 from random_scenes import near_contact
 from simulators import numbers, rounded, scene, simulator
 
+import slcp_warp as slcp
+
 TOLERANCE = {"float32": 3e-6, "float64": 2e-12}
 
 
@@ -96,3 +98,36 @@ def test_capsules_rectangles_and_rings(device, name, dtype=wp.float64):
     state = oracle.step(x64[solved])[0]
     error = np.abs(step.state[solved] - state).max(axis=1) / (1.0 + np.abs(state).max(axis=1))
     assert error.max() < 100 * TOLERANCE[dtype.__name__]
+
+
+@pytest.mark.parametrize("strategy", ["generic", "specialised"])
+def test_rectangles_in_each_other(device, strategy, monkeypatch):
+    """Corners leave as the whole does, by the oracle's projections of all corners."""
+    sc, rng = scene("blocks"), np.random.default_rng(11)
+    x = near_contact(sc, rng, 300, (-0.02, -0.05, -0.1, -0.2))
+    oracle = Oracle(sc)
+    exact, _, margin = oracle.rows(x[:, : sc.nv])
+    sim = slcp.Simulator(sc, slcp.Options("hard"), dtype="float64", device=device, strategy=strategy)
+    found = sim.step(x)
+    sure = margin > 1e-3  # two sides are not as near
+    assert (exact < -0.05).any(axis=1).mean() > 0.5 and sure.mean() > 0.8
+    np.testing.assert_allclose(found.gap[sure], exact[sure], atol=1e-9)
+    monkeypatch.setattr("oracle.leaving", lambda oracle, q, k, angle, gap: angle)  # each by its nearest side
+    assert (np.abs(oracle.rows(x[:, : sc.nv])[0] - exact).max(axis=1) > 1e-3).sum() > 10
+
+
+@pytest.mark.parametrize("strategy", ["generic", "specialised"])
+def test_derivatives_of_rectangles_in_each_other(device, strategy):
+    """A of hard steps beside central differences, where a corner leaves by another side than the nearest."""
+    sc, rng = scene("blocks"), np.random.default_rng(12)
+    x = near_contact(sc, rng, 300, (-0.02, -0.05, -0.1, -0.2))
+    sim = slcp.Simulator(sc, slcp.Options("hard"), dtype="float64", device=device, strategy=strategy)
+    found, step = sim.linearize(x), 1e-6
+    moved = np.eye(sc.nv * 2) * step
+    ahead, behind = (sim.step((x[:, None] + s * moved).reshape(-1, x.shape[1])) for s in (1.0, -1.0))
+    exact = ((ahead.state - behind.state) / (2.0 * step)).reshape(len(x), -1, x.shape[1]).swapaxes(1, 2)
+    well = (found.status == 0) & (np.maximum(ahead.status, behind.status).reshape(len(x), -1).max(1) == 0)
+    away = np.abs(sim.step(x).gap).min(axis=1) > 1e-4
+    error = np.abs(found.A - exact).max(axis=(1, 2)) / (1.0 + np.abs(exact).max(axis=(1, 2)))
+    assert well.sum() > 100 and np.median(error[well]) < 1e-7
+    assert (error[well & away] < 1e-5).mean() > 0.97  # sets of rows that change within the differences

@@ -1,5 +1,7 @@
 """Rectangles move as what they are made of: corners on planes, sides that keep others out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -109,3 +111,47 @@ def test_a_block_pushed_off_a_ledge_tips_over_its_edge(law):
     assert end[0, 2] < -1.0 and 0.04 < end[0, 1] < 0.12 and end[0, 0] > 0.04
     np.testing.assert_allclose(end[1, :3], [-0.02, 0.55, 0.0], atol=4e-3)
     assert np.nanmin(traj.gap) > -5e-3
+
+
+def in_a_row(height=0.125, friction=0.5):
+    """Two boxes of .3 m on the ground, the second as high as the first or not."""
+    ground = Shape("ground", None, "halfplane", angle=np.pi / 2)
+    bodies = tuple(Body(name, 1.0, 0.01, joint="free") for name in "ab")
+    boxes = [
+        Shape(name, name, "rectangle", (0.15, high), corner_radius=0.005)
+        for name, high in zip("ab", (0.125, height))
+    ]
+    contacts = tuple(Contact(a, b, friction) for a, b in (("ground", "a"), ("ground", "b"), ("a", "b")))
+    return Scene("row", bodies, (ground, *boxes), contacts, step_size=0.005)
+
+
+@pytest.mark.parametrize("height", [0.125, 0.128])
+@pytest.mark.parametrize("law", ["hard", "coulomb"])
+def test_boxes_side_by_side_are_pushed_apart_sideways(law, height):
+    """As deep as they are in each other; at the top and bottom corners have shorter ways out, up and down."""
+    scene = in_a_row(height)
+    depth = np.array([1e-3, 0.01, 0.05, 0.15])
+    x0 = np.array([scene.state({"a.y": 0.125, "b.y": height, "b.x": 0.3 - d}) for d in (*depth, *-depth)])
+    x0[4:, scene.state_index("b.x")] = -(0.3 - depth)
+    options = replace(LAWS[law], depenetration_speed=0.2)
+    sim = slcp.Simulator(scene, options, dtype="float64", device="cpu")
+    pairs = [i for i, name in enumerate(scene.pair_names) if name.startswith("a")]
+    gap = sim.step(x0).gap
+    rows = [row.index in pairs and row.kind == "contact" for row in scene.structure.rows]
+    deepest = gap[:, np.array(rows)].min(axis=1)
+    np.testing.assert_allclose(deepest, -np.tile(depth, 2), atol=1e-12 if height == 0.125 else 3e-3)
+    found = rolled(scene, x0, 400, options)
+    apart = found[:, -1, scene.state_index("b.x")] - found[:, -1, scene.state_index("a.x")]
+    assert (np.sign(apart) == np.sign(x0[:, scene.state_index("b.x")])).all() and (
+        np.abs(apart) > 0.2995
+    ).all()
+    heights = found[:, -1][:, [scene.state_index(name) for name in ("a.y", "b.y")]]
+    np.testing.assert_allclose(heights, np.tile([0.125, height], (8, 1)), atol=2e-3)
+
+
+def test_boxes_in_the_same_place_part():
+    """Along the axis of the least overlap, the higher-numbered one up: which way is as good."""
+    scene = in_a_row()
+    options = replace(LAWS["coulomb"], depenetration_speed=0.2)
+    last = rolled(scene, scene.state({"a.y": 0.125, "b.y": 0.125})[None], 400, options)[0, -1]
+    assert last[scene.state_index("b.y")] - last[scene.state_index("a.y")] > 0.2495

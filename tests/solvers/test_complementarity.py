@@ -7,7 +7,7 @@ import functools
 import numpy as np
 import pytest
 import warp as wp
-from complementarity_problems import diagonal, problems
+from random_scenes import diagonal, problems
 from scipy.optimize import least_squares, linprog, minimize
 from scipy.stats import norm
 

@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
-from complementarity_problems import diagonal, problems
+from random_scenes import diagonal, problems
 from scipy.optimize import minimize
 from scipy.special import ndtr, spence
 

@@ -16,6 +16,7 @@ min(a, b) = 0 for the hard problem.
 """
 
 import numpy as np
+from oracle_overlap import direction, leaving
 from oracle_solvers import softplus, solve_hard, solve_hard_by_trial, solve_smooth
 
 __all__ = ["Oracle", "residual", "softplus", "solve_hard", "solve_hard_by_trial", "solve_smooth"]
@@ -50,8 +51,8 @@ class Oracle:
         self.nv, self.nu, self.nr = self.structure.nv, self.structure.nu, self.structure.nr
         if self.p["sigma"].ndim == 0:
             self.p["sigma"] = np.full(self.nr, float(self.p["sigma"]))
-        rings = [shape.kind == "ring" for shape in self.structure.shapes]  # discs of negative radius
-        self.p["radius"] = np.where(np.array(rings, bool)[:, None], -1.0, 1.0) * self.p["radius"]
+        rings = np.array([shape.kind == "ring" for shape in self.structure.shapes], bool)
+        self.p["radius"] = np.where(rings[:, None], -1.0, 1.0) * self.p["radius"]  # discs of negative radius
 
     def frames(self, q):
         """Angle (...) and origin (..., 2) of every body, complex if q is."""
@@ -270,7 +271,10 @@ class Oracle:
             mid = 0.5 * (lo + hi)
             rising = self.separation(ends, k, mid + 1j * COMPLEX_STEP).imag > 0.0
             lo, hi = np.where(rising, mid, lo), np.where(rising, hi, mid)
-        return 0.5 * (lo + hi), rivals[-1] - rivals[-2]
+        angle = 0.5 * (lo + hi)
+        if kinds == ["rectangle", "rectangle"]:
+            angle = leaving(self, q, k, angle, self.separation(ends, k, angle))
+        return angle, rivals[-1] - rivals[-2]
 
     def contact(self, q, k):
         """Pair k: gap, normal's angle (...), touched points (..., 2) on A and B, uniqueness margin (...)."""
@@ -378,11 +382,6 @@ def rotate(angle, vector):
     """`vector` (..., 2) turned by `angle` (...)."""
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * vector[..., 0] - s * vector[..., 1], s * vector[..., 0] + c * vector[..., 1]], -1)
-
-
-def direction(angle):
-    """Unit vector (..., 2)."""
-    return np.stack([np.cos(angle), np.sin(angle)], -1)
 
 
 def residual(problem, v, impulse, hard=False):

@@ -1,4 +1,6 @@
-"""Random mechanisms, and random states near, at and far from contact; the test seeds the generator."""
+"""Random mechanisms, and random states near, at and far from contact, whose generator the test seeds; random
+complementarity problems.
+"""
 
 import numpy as np
 from oracle import Oracle
@@ -72,3 +74,16 @@ def into_limits(scene, oracle, q, rng):
             q[:, j] = rng.uniform(lo, up, len(q))
         q[:, j] = np.clip(q[:, j], lo, up)
     return q
+
+
+def problems(n, rank, count, seed=0):
+    """Random feasible problems, (B, n, n) and (B, n)."""
+    rng = np.random.default_rng(seed)
+    g = rng.normal(size=(count, n, rank))
+    a = g @ g.swapaxes(1, 2)
+    b = np.einsum("bij,bj->bi", a, rng.normal(size=(count, n))) + 0.3 * np.abs(rng.normal(size=(count, n)))
+    return a, b
+
+
+def diagonal(a):
+    return np.einsum("...ii->...i", a)
