@@ -136,12 +136,13 @@ def test_two_numbers_of_a_policy(device):
     def both(scale, more):
         return plan(scale + more)
 
-    x, y = ("scale", (0.2, 0.5)), ("more", (0.1, 0.4))
+    x, y = ("scale", (0.1, 0.25)), ("more", (0.1, 0.25))
     options = {"worlds": 40, "seed": 3, "device": device, "case": slcp.Options()}
     found = slcp.robustness_map(task(), both, x, y, numbers=("scale", "more"), **options)
     sums = slcp.robustness_map(
-        task(), plan, ("scale", (0.3, 0.6, 0.9)), ("block.x", (0.0,)), numbers="scale", **options
+        task(), plan, ("scale", (0.2, 0.35, 0.5)), ("block.x", (0.0,)), numbers="scale", **options
     ).successes[0]
+    assert sums[0] < sums[1] < sums[2]
     np.testing.assert_array_equal(found.successes, [[sums[0], sums[1]], [sums[1], sums[2]]])
     with pytest.raises(slcp.InputError, match=r"a function of \(scale, more\) that gives a policy"):
         slcp.robustness_map(task(), plan(0.6), x, y, numbers=("scale", "more"), **options)
