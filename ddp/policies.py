@@ -3,6 +3,7 @@
 import copy
 import functools
 import math
+import warnings
 from types import SimpleNamespace
 from typing import Any
 
@@ -38,6 +39,19 @@ def in_steps_of(
     return us[:, row[:-1]], (1.0 - share) * xs[:, row] + share * xs[:, after], K[:, row[:-1]]
 
 
+def _warn_of_gains(result: Any) -> None:
+    """Say of a `ddp.Result` that it ended at no minimum, whose gains are none to rely on."""
+    fine = attribute(result, "positive_definite")
+    if isinstance(fine, np.ndarray) and not fine.all():
+        which = "it" if fine.ndim == 0 else f"{np.count_nonzero(~fine)} of {counted(fine.size, 'plan')}"
+        warnings.warn(
+            f"result: {which} ended at no minimum, where Q_uu is not positive definite (min_pivot); the "
+            "gains may amplify what they should correct: look at its undisturbed run, or plan on from it",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+
+
 class TrackingPolicy:
     """u = us_k + K_k (x - xs_k) along trajectories (M36), by step, within the limits of the plan.
 
@@ -53,6 +67,8 @@ class TrackingPolicy:
         period: (nx,) as in `Scene.state_period`; None: that of the scene that it is followed in.
         control_limits: as of a `Problem`; None: `lower` and `upper` of the result where it has them.
         step_size: of the plan [s]; None: that of the result's simulator, where it has one.
+
+    A RuntimeWarning where DDP ended without gains to rely on: at what is no minimum.
     """
 
     sees_states = True  # whatever else a task's policies see
@@ -72,6 +88,7 @@ class TrackingPolicy:
                     f"result is a {type(result).__name__}; us, xs and K, arrays, are needed: a "
                     f"ddp.Result{best}"
                 )
+        _warn_of_gains(result)
         single = result.us.ndim == 2
         self.us, self.xs, self.K = (a[None] if single else a for a in (result.us, result.xs, result.K))
         self.early = whole("result.delay", attribute(result, "delay") or 0, 0, self.us.shape[1] - 1)

@@ -5,6 +5,7 @@ heavier one. Plans for the worlds in which it fails have the margin that these n
 matters; whether they are worth what they cost is asked in all of the worlds.
 """
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -158,7 +159,9 @@ class _Judge:
 
     def __call__(self, plans: list[Result]) -> np.ndarray:
         """(M, W) which worlds succeed as the plans are tracked."""
-        policies = {str(i): TrackingPolicy(each, self.period) for i, each in enumerate(plans)}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # these worlds say what gains are worth
+            policies = {str(i): TrackingPolicy(each, self.period) for i, each in enumerate(plans)}
         report = sweep(self.task, policies, worlds=self.worlds, seed=self.seed, cases=self.case)
         return np.array([report.part(name)["success"] for name in policies], dtype=bool)
 

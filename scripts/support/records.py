@@ -1,5 +1,6 @@
 """The commands' files of every kind, as `slcp_warp.results.records` reads them."""
 
+import warnings
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,9 @@ def load_policy(path: Path, scene: slcp.Scene) -> tuple[Any, dict[str, Any]]:
         return library.policy(), {"policy": "nearest", "policy_file": path.name, "entries": len(library)}
     plan = load_plan(path, scene)
     facts = {"policy": "tracking", "policy_file": path.name, "planned_step_size": plan.step_size}
-    return ddp.TrackingPolicy(ddp.Result.of(plan), scene.state_period), facts
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # `tell_gains` says it as commands do
+        return ddp.TrackingPolicy(ddp.Result.of(plan), scene.state_period), facts
 
 
 def load_plan(path: Path, scene: slcp.Scene) -> Record:

@@ -1,5 +1,6 @@
 """Plans that were made with steps of one size, followed with steps of another."""
 
+import warnings
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -45,6 +46,22 @@ def test_a_plan_is_followed_in_time(device, h):
     wanted = expected(h, h * np.arange(steps), run.states[:-1])
     assert not run.status.any()
     np.testing.assert_allclose(run.controls, wanted, rtol=0, atol=1e-9)
+
+
+def test_gains_of_no_minimum_are_told(device):
+    """Of a plan, and of a batch how many; a minimum is none to speak of."""
+    sim, plan = slcp.Simulator(SCENE, device=device), SimpleNamespace(**vars(PLAN))
+    for min_pivot, told in (
+        (np.array(-0.5), "it ended at no minimum"),
+        (np.array([1.0, -1.0]), "1 of 2 plans"),
+    ):
+        plan.positive_definite = np.asarray(min_pivot > 0.0)
+        with pytest.warns(RuntimeWarning, match=told):
+            ddp.TrackingPolicy(plan)
+    plan.positive_definite = np.asarray(np.array(1.0) > 0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ddp.TrackingPolicy(plan).kernel(sim)
 
 
 def test_without_another_step_no_bit_changes(device):

@@ -1,15 +1,16 @@
 """Controls, impulses and gaps of steps that a sweep's kernels made: these steps, once more, one by one."""
 
+import warnings
 from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from ...inputs.errors import ArgumentError
 from ...options import Status
 from ...parameters import Parameters
 from ...simulator import Simulator
+from ...storage.printed import counted
 
 CLOSE = 1e-3  # of a world's velocities: by so much they agree where it is the same step,
 ROUNDINGS = 32  # beside so many of its positions
@@ -29,10 +30,13 @@ def recorded(
     step_size: float,
     params: Parameters,
     wanted: Collection[str],
+    numbers: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Controls (B, N, nu) as they acted, impulse and gap (B, N, nr) of every step.
 
-    NaN from a step on that was not solved; where a world had ended nothing acts.
+    NaN from a step on that was not solved; where a world had ended nothing acts. Impulses of a step that
+    leads elsewhere when it is made alone, as contact with several solutions may, are not known: NaN, and a
+    RuntimeWarning that says of which worlds.
 
     Args:
         sim: whose steps they are.
@@ -41,17 +45,14 @@ def recorded(
         step_size: [s].
         params: of the worlds.
         wanted: of these, what is recorded.
-
-    Raises:
-        ArgumentError: a step that leads elsewhere when it is made alone, as contact with several solutions
-            may, and impulses are wanted.
+        numbers: (B,) of the worlds, for the warning.
     """
     worlds, steps, _ = told.shape
     nx, nu = sim.nx, sim.nu
     out = {"controls": np.full((worlds, steps, nu), np.nan)}
     out |= {name: np.full((worlds, steps, sim.nr), np.nan) for name in ("impulse", "gap")}
     ends = np.where(np.isfinite(unsolved_time), np.round(unsolved_time / step_size), steps)
-    stands, warm, elsewhere = np.tile(sim.scene.x0, (worlds, 1)), None, np.zeros(worlds, bool)
+    stands, warm, elsewhere = np.tile(sim.scene.x0, (worlds, 1)), None, np.zeros((worlds, steps), bool)
     for k in range(steps):
         goes, made = k < ends, np.isfinite(told[:, k, :nx]).all(axis=1)
         x = np.where(made[:, None], told[:, k, :nx], stands)
@@ -62,14 +63,19 @@ def recorded(
         same = step.status == Status.SOLVED
         if k + 1 < steps:
             same &= _arrives(step.state, told[:, k + 1, :nx], x, step_size) | (k + 1 >= ends)
-        elsewhere |= made & goes & ~same
+        elsewhere[:, k] = made & goes & ~same
         out["controls"][goes, k], out["gap"][goes, k] = u[goes], step.gap[goes]
         out["impulse"][goes, k] = np.where(made[goes, None], step.impulse[goes], 0.0)
+    out["impulse"][elsewhere] = np.nan
     if "impulse" in wanted and elsewhere.any():
-        some = ", ".join(map(str, np.flatnonzero(elsewhere)[:8]))
-        raise ArgumentError(
-            f"record has impulse, and steps of {elsewhere.sum()} worlds lead elsewhere when they are made "
-            f"alone, so that theirs are not known; leave out the worlds at {some}, or the record"
+        some = np.flatnonzero(elsewhere.any(axis=1))
+        named = ", ".join(str(number) for number in numbers[some[:8]])
+        warnings.warn(
+            f"impulses of {counted(int(elsewhere.sum()), 'step')} are NaN, in worlds {named}"
+            f"{' and more' if len(some) > 8 else ''}: made alone they lead elsewhere, as contact with "
+            "several solutions may",
+            RuntimeWarning,
+            stacklevel=3,
         )
     return out
 

@@ -50,8 +50,10 @@ def replay(
         record: any of "controls", as they acted (within limits, delayed, with noise), "impulse", "gap", as of
             `Simulator.rollout`, for `Trajectory.contacts` and measures; NaN from a step on that was not
             solved, and nothing acts where the world had ended. Impulses and gaps are those of every step made
-            once more. On a GPU a record takes the kernel without the fast path, whose states are those of the
-            sweep to rounding.
+            once more, which arrives where the sweep's did but for a thousandth of the world's velocities; one
+            that leads elsewhere, as contact with several solutions may, has NaN for its impulses, and there
+            is a RuntimeWarning. On a GPU a record takes the kernel without the fast path, whose states are
+            those of the sweep to rounding.
         case: options of the steps; None: the task's.
         seed: of the noise of single steps.
         step_size: [s]; None: the one that the worlds have, or the scene's.
@@ -59,8 +61,7 @@ def replay(
 
     Raises:
         ArgumentError: worlds with several step sizes, or of another shape than the task needs; a record of
-            something else, or of impulses of a step that leads elsewhere when it is made alone, as contact
-            with several solutions may.
+            something else.
     """
     wanted = checks.names("record", record, RECORDED)
     checks.instance("task", task, Task, "a slcp_warp.Task")
@@ -98,7 +99,8 @@ def replay(
         parameters = Parameters(sim.scene).replace(**own)
     shown: dict[str, Any] = {}
     if told is not None:
-        found_again = recorded(sim, told.numpy(), found["unsolved_time"], h, parameters, wanted)
+        numbers = np.arange(len(given)) if given.numbers is None else given.numbers
+        found_again = recorded(sim, told.numpy(), found["unsolved_time"], h, parameters, wanted, numbers)
         shown = {name: found_again[name] for name in wanted}
     own_scene = Simulated.of(sim, parameters)
     return Trajectory(states, found["status"], simulated=own_scene, _measured=sim.gaps, **shown)

@@ -95,7 +95,9 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
         if inert.keys() >= set(places):
             raise ArgumentError(f"Disturbances.parameters names {key!r}; it was built {inert[places[0]]}")
     # what is said of one part, or one component, counts
-    for key in sorted(given, key=lambda key: (*_precision(key), -len(found[key]))):
+    rank = {key: (*_precision(key), -len(found[key])) for key in given}
+    _check_ranks(found, rank, names)
+    for key in sorted(given, key=lambda key: rank[key]):
         drawn, places = given[key], found[key]
         joined = list(leader.values()).count(leader[key]) > 1
         first = _first(scene, places, joined or drawn.shared)
@@ -109,6 +111,20 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
             laws.put(column, drawn)
             laws.step[column] = first[column] if alone else group[first[column]]
     return laws
+
+
+def _check_ranks(found: Mapping[str, Sequence[int]], rank: Mapping[str, Any], names: Sequence[str]) -> None:
+    """Raise ArgumentError for a number of which two names, as narrow as each other, say different things."""
+    of = {key: set(places) for key, places in found.items()}
+    for place in set[int]().union(*of.values()):
+        keys = [key for key, places in of.items() if place in places]
+        most = [key for key in keys if rank[key] == max(rank[each] for each in keys)]
+        if len(most) > 1:
+            raise ArgumentError(
+                f"Disturbances.parameters names {most[0]!r} and {most[1]!r}, which both are of "
+                f"{names[place]!r}; a law of that one, or one law of both names ({', '.join(most[:2])!r}), "
+                "is needed"
+            )
 
 
 def names_in(key: str) -> tuple[str, ...]:

@@ -106,3 +106,28 @@ def test_numbers_of_all_corners_are_told_once():
         names, found = told(slcp.Uniform(0.2, 0.8, shared=True), worlds)
         assert names == ["drawn_floor/pad.friction"] and np.ptp(found[names[0]]) > 0.1
         assert told(slcp.Uniform(0.2, 0.8), worlds)[0] == corners
+
+
+def test_two_names_as_narrow_as_each_other_are_refused():
+    """Of two boxes that touch the friction with each other would be the last one's."""
+    ground = slcp.Shape("g", None, "halfplane", angle=np.pi / 2)
+    bodies = tuple(slcp.Body(name, 1.0, 0.01, joint="free") for name in ("a", "b"))
+    boxes = [slcp.Shape(name, name, "rectangle", (0.1, 0.1), corner_radius=0.01) for name in ("a", "b")]
+    scene = slcp.Scene("row", bodies, (ground, *boxes), contacts="auto", friction=0.5)
+    laws = {"a.friction": slcp.Uniform(0.2, 0.3), "b.friction": slcp.Uniform(0.7, 0.8)}
+
+    def task(**more):
+        drawn = slcp.Disturbances(parameters={**laws, **more})
+        return slcp.Task("row", scene, duration=0.1, disturbances=drawn)
+
+    with pytest.raises(
+        slcp.InputError, match="names 'a.friction' and 'b.friction', which both are of 'a.*/b"
+    ):
+        task()
+    worlds = slcp.draw_worlds(task(**{"a/b.friction": slcp.Uniform(0.5, 0.6)}), 5)
+    params = slcp.Simulator(scene).params
+    start = next(start for name, start, _ in params.layout.columns if name == "friction")
+    for i, name in enumerate(scene.pair_names):
+        ground_of = {"g/a": (0.2, 0.3), "g/b": (0.7, 0.8)}.get(name[:3], (0.5, 0.6))
+        drawn = np.asarray(worlds.params)[:, start + i]
+        assert (drawn >= ground_of[0]).all() and (drawn <= ground_of[1]).all(), name
