@@ -49,11 +49,15 @@ class BodyStructure:
 
 @dataclass(frozen=True)
 class ShapeStructure:
-    """One shape: its body (WORLD = -1), kind, and whether it is turned against its body's axes."""
+    """One shape: its body (WORLD = -1), kind, and whether it is turned against its body's axes; the degree of
+    freedom whose rate its surface runs with (-1: none), and by how much [m a unit].
+    """
 
     body: int
     kind: str
     turned: bool = False
+    driver: int = field(default=-1, repr=False)
+    ratio: float = field(default=0.0, repr=False)
 
 
 @dataclass(frozen=True)
@@ -165,6 +169,16 @@ class Structure:
     def turns(self, body: int, dof: int) -> bool:
         """Whether `dof` turns `body`."""
         return self.in_chain(body, dof) and self.dof_kind[dof] == REVOLUTE
+
+    @property
+    def runs(self) -> bool:
+        """Whether the surface of a shape runs with a degree of freedom."""
+        return any(shape.driver >= 0 for shape in self.shapes)
+
+    def mover(self, shape: int) -> int:
+        """The body by which a shape's contacts are moved: its own, or of one on the world its driver's."""
+        own = self.shapes[shape]
+        return own.body if own.body != WORLD or own.driver < 0 else self.dof_body[own.driver]
 
     @property
     def bounces(self) -> bool:

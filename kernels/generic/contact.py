@@ -17,7 +17,7 @@ from .mechanism import COLUMN, make_mechanism
 from .rows.bounces import make_bounces
 from .rows.overlaps import make_overlaps
 from .shapes import make_shapes
-from .topology import CONTACT, LOWER, MOVES_A, MOVES_B, ROUND, TURN, Topology
+from .topology import CONTACT, LOWER, MOVES_A, MOVES_B, ROUND, RUNS, TURN, Topology
 from .work import BESIDE, LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Island, Slot
 
 ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
@@ -51,8 +51,10 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         broad.list_all(t, k)
 
     @wp.func
-    def moved_by(t: wp.ref[Topology], k: wp.ref[Slot], j: int, side: int, pa: V4, pb: V4, g: GEO):
-        """(J_n, J_t) of a pair for a degree of freedom that moves these sides of it."""
+    def moved(t: wp.ref[Topology], k: wp.ref[Slot], j: int, side: int, pa: V4, pb: V4, g: GEO):
+        """The same by the motion of shapes on these sides."""
+        if side == 0:
+            return V2()
         if side == MOVES_A + MOVES_B:  # turns both as one
             return V2(ZERO, g[2])
         turns = t.dof_kind[j] == TURN
@@ -68,6 +70,15 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             n += V2(g[6], -g[5])
         return n
 
+    @wp.func
+    def moved_by(t: wp.ref[Topology], k: wp.ref[Slot], at: int, pa: V4, pb: V4, g: GEO):
+        """(J_n, J_t) of a pair for a degree of freedom, entry `at` of those that move it."""
+        j = t.pair_dof[at]
+        side = t.pair_side[at]
+        if side >= RUNS:  # a surface runs along t, seen from the other shape along -t
+            return moved(t, k, j, side - RUNS, pa, pb, g) - V2(ZERO, t.pair_ratio[at])
+        return moved(t, k, j, side, pa, pb, g)
+
     @wp.func(inline=False)
     def chained_rows(
         t: wp.ref[Topology], k: wp.ref[Slot], pair: int, r: int, pa: V4, pb: V4, g: GEO, mu: dtype
@@ -78,7 +89,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             k.jac[at] = V3()
         for at in range(t.pair_start[pair], t.pair_start[pair + 1]):
             j = t.pair_dof[at]
-            n = moved_by(t, k, j, t.pair_side[at], pa, pb, g)
+            n = moved_by(t, k, at, pa, pb, g)
             for i in range(rows):
                 sign = dtype(t.row_sign[k.row[r + i]])
                 k.jac[k.entry[r + i] + t.pair_entry[at]][t.dof_part[j]] = n[0] + sign * mu * n[1]
@@ -228,6 +239,10 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         mu = number(t, k, FRICTION, pair)
         turn = wp.abs(va[2]) * spread_a + wp.abs(vb[2]) * wp.max(rb[0], rb[1])
         speed = wp.sqrt(ONE + mu * mu) * (wp.sqrt(dx * dx + dy * dy) + turn)
+        if t.runs == 1:
+            for at in range(t.pair_start[pair], t.pair_start[pair + 1]):
+                j = t.pair_dof[at]
+                speed += mu * wp.abs(t.pair_ratio[at] * k.v[t.dof_block[j]][t.dof_part[j]])
         sigma = number(t, k, SIGMA, t.pair_row[pair])
         for i in range(t.pair_row[pair] + 1, t.pair_row[pair + 1]):
             sigma = wp.max(sigma, number(t, k, SIGMA, i))

@@ -100,6 +100,11 @@ class Shape:
             and of the other's conaffinity have one in common, as in MuJoCo.
         corner_radius: of a rectangle's corners, within its size; 0: sharp [m].
         restitution: as friction, in [0, 1]; see `Contact`. A pair of two shapes of 0 has none.
+        driven_by: a body with one coordinate, with whose rate the surface of this shape runs, as that of a
+            conveyor, a track or a treadmill; in generic kernels. The shape is one of the world, or of a body
+            of the same tree that it does not move with. None: the surface stands still on its body.
+        surface_ratio: how far the surface runs by a unit of that coordinate, to the left as one looks along
+            the outward normal [m/m, m/rad]; -1 carries what lies on level ground to the right.
     """
 
     name: str
@@ -113,6 +118,8 @@ class Shape:
     conaffinity: int = 1
     corner_radius: float = 0.0
     restitution: float | None = None
+    driven_by: str | None = None
+    surface_ratio: float = 1.0
 
     def __post_init__(self) -> None:
         Fields(self, "shape, ").text("name")
@@ -137,6 +144,8 @@ class Shape:
         fields.whole("conaffinity")
         fields.number("corner_radius")
         fields.number("restitution", optional=True)
+        fields.text("driven_by", optional=True)
+        fields.number("surface_ratio")
         if self.corner_radius and self.kind != "rectangle":
             raise SceneError(f"{label}corner_radius is {self.corner_radius}; a {self.kind} has no corners")
         both = np.array(radii(self)), np.array(self.corner_radius)

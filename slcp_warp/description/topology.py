@@ -44,10 +44,7 @@ def structure_of(
     """
     body_places, shape_places = _places(bodies, "bodies"), _places(shapes, "shapes")
     tree = _tree(bodies, body_places)
-    shape_structures = tuple(
-        ShapeStructure(_index(body_places, s.body, "body", f"shape {s.name!r}, body"), s.kind, s.angle != 0.0)
-        for s in shapes
-    )
+    shape_structures = tuple(_shape(s, bodies, body_places, tree) for s in shapes)
     return Structure(
         tuple(tree.bodies),
         shape_structures,
@@ -62,6 +59,29 @@ def structure_of(
         armature=tuple(tree.armature),
         tendons=_joined(tendons, bodies),
     )
+
+
+def _shape(s: Shape, bodies: Sequence[Body], places: Mapping[str, int], tree: "_Tree") -> ShapeStructure:
+    body = _index(places, s.body, "body", f"shape {s.name!r}, body")
+    own = body, s.kind, s.angle != 0.0
+    if s.driven_by is None:
+        return ShapeStructure(*own)
+    driver = _index(places, s.driven_by, "body", f"shape {s.name!r}, driven_by")
+    joint = bodies[driver].joint
+    if len(tree.bodies[driver].dofs) != 1:
+        raise SceneError(
+            f"shape {s.name!r}: driven_by is {s.driven_by!r}, whose joint is {joint}; a body with one "
+            "coordinate, revolute or prismatic, is needed"
+        )
+    above = tree.chain(body)
+    if driver in above:
+        raise SceneError(f"shape {s.name!r}: driven_by is {s.driven_by!r}, with which it moves as a whole")
+    if above and above[-1] != tree.chain(driver)[-1]:
+        raise SceneError(
+            f"shape {s.name!r}: driven_by is {s.driven_by!r}, which does not hang on "
+            f"{bodies[above[-1]].name!r} as its body does; of another tree it drives shapes of the world"
+        )
+    return ShapeStructure(*own, tree.bodies[driver].dofs[0], float(s.surface_ratio))
 
 
 def contact_ends(shapes: Sequence[Shape], contact: Contact) -> tuple[tuple[int, int], ...]:
@@ -85,6 +105,14 @@ class _Tree:
     upper: list[bool] = field(default_factory=list)
     sprung: list[int] = field(default_factory=list)
     armature: list[int] = field(default_factory=list)
+
+    def chain(self, body: int) -> list[int]:
+        """A body and those that it hangs on, up to the world."""
+        out = []
+        while body != WORLD:
+            out.append(body)
+            body = self.bodies[body].parent
+        return out
 
 
 def _tree(bodies: Sequence[Body], places: Mapping[str, int]) -> _Tree:

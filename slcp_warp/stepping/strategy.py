@@ -60,7 +60,7 @@ def joined_trees(s: Structure) -> int:
         return r
 
     for pair in s.pairs:
-        bodies = [s.shapes[i].body for i in (pair.shape_a, pair.shape_b)]
+        bodies = [s.mover(i) for i in (pair.shape_a, pair.shape_b)]
         if WORLD not in bodies:
             one, other = (find(root[b]) for b in bodies)
             name[max(one, other)] = min(one, other)
@@ -91,6 +91,8 @@ def of_generic_kernels(s: Structure, method: Method) -> str:
     """What keeps a scene from specialised kernels, or ""."""
     if method.depenetration_speed is not None:
         return f"depenetration_speed {method.depenetration_speed!r}"
+    if s.runs:
+        return "driven_by of shapes"
     return "restitution" if s.bounces else ""
 
 

@@ -314,12 +314,10 @@ class Oracle:
             moving.append(complex_step(lambda z, body=body, local=local: self.point(z, body, local), q))
         relative = moving[1] - moving[0]
         n, t = direction(angle), direction(angle + np.pi / 2)
-        return (
-            gap,
-            np.einsum("...i,...ij->...j", n, relative),
-            np.einsum("...i,...ij->...j", t, relative),
-            margin,
-        )
+        along = np.einsum("...i,...ij->...j", t, relative)
+        for shape in (self.structure.shapes[i] for i in (pair.shape_a, pair.shape_b)):
+            along[..., shape.driver] -= shape.ratio  # zero of one whose surface does not run
+        return gap, np.einsum("...i,...ij->...j", n, relative), along, margin
 
     def rows(self, q):
         """Gaps d (..., nr), Jacobian J (..., nr, nv), uniqueness margin (...), in the scene's row order."""

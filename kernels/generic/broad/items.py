@@ -55,6 +55,8 @@ def bits_of(pairs: int) -> int:
 
 def items_first(s: Structure) -> bool:
     """Whether it is worth while to look at items before pairs: there are many, and each has several."""
+    if s.runs:  # what comes by the speed of a surface is not counted there
+        return False
     items, planes, tables = item_tables(s)
     partners = tables["item_partner_start"]
     by_planes = partners[-1] - partners[items]

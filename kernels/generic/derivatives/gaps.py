@@ -66,7 +66,7 @@ def make_gap_slopes(given: type, residual: str) -> wp.Function:
             e = d.of_contact[b, start + at]
             a = e[wp.static(TURNS_A)]
             c = e[wp.static(TURNS_B)]
-            if t.pair_side[t.pair_start[pair] + at] != 3:
+            if (t.pair_side[t.pair_start[pair] + at] & 3) != 3:
                 value = e[wp.static(ACROSS)] + normal[2] * a + normal[3] * c
                 d.gap_by_q[b, first + at] = d.gap_by_q[b, first + at] + value / h
 

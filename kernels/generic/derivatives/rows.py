@@ -40,7 +40,7 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
         """The group of a limit's degree of freedom, of body A of a contact; -1: none."""
         if t.row_kind[i] != CONTACT:
             return g.dof_group[t.row_index[i]]
-        body = t.shape_body[t.pair_a[t.row_index[i]]]
+        body = t.shape_mover[t.pair_a[t.row_index[i]]]
         if body == WORLD:
             return -1
         return g.body_group[body]
@@ -50,7 +50,7 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
         """The group of body B of a contact if it is another one; -1: none."""
         if t.row_kind[i] != CONTACT:
             return -1
-        body = t.shape_body[t.pair_b[t.row_index[i]]]
+        body = t.shape_mover[t.pair_b[t.row_index[i]]]
         if body == WORLD:
             return -1
         found = g.body_group[body]

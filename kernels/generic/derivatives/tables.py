@@ -124,7 +124,7 @@ def widths(s: Structure) -> tuple[int, int]:
             widths.append(size[found["dof_group"][row.index]])
         else:
             pair = s.pairs[row.index]
-            bodies = {s.shapes[i].body for i in (pair.shape_a, pair.shape_b)} - {WORLD}
+            bodies = {s.mover(i) for i in (pair.shape_a, pair.shape_b)} - {WORLD}
             widths.append(sum(size[g] for g in {found["body_group"][b] for b in bodies}))
     return max(widths), most
 

@@ -76,8 +76,8 @@ def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
         """The groups of bodies that row i moves, -1: none."""
         if t.row_kind[i] != CONTACT:
             return wp.where(side == 0, s.dof_group[t.row_index[i]], -1)
-        a = t.shape_body[t.pair_a[t.row_index[i]]]
-        o = t.shape_body[t.pair_b[t.row_index[i]]]
+        a = t.shape_mover[t.pair_a[t.row_index[i]]]
+        o = t.shape_mover[t.pair_b[t.row_index[i]]]
         first = int(-1)
         second = int(-1)
         if a != WORLD:

@@ -30,6 +30,7 @@ class Sum:
     vm: V2
     turn_a: wp.vec3d  # under y_n, y_t, and the slope
     turn_b: wp.vec3d
+    run: wp.float64  # what surfaces that run add to y_t's slope by friction
     by_a: V2  # slopes by the levers of the centres
     by_b: V2
 
@@ -59,6 +60,15 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
             return centre
         return centre - origin(k, body)
 
+    @wp.func
+    def running(t: wp.ref[Topology], w: wp.ref[View], pair: int, set: int):
+        """What surfaces that run add to J_t y of a set of joint rates."""
+        out = ZERO + ZERO
+        if t.runs == 1:
+            for at in range(t.pair_start[pair], t.pair_start[pair + 1]):
+                out -= t.pair_ratio[at] * w.rates[set * t.nv + t.pair_dof[at]]
+        return out
+
     @wp.func(inline=False)
     def include(
         t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], pair: int, g: Touch, set: int,
@@ -87,6 +97,7 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
         out.vn += by_normal * v
         out.vt += by_tangent * v
         out.vm += by_friction * v
+        out.run += by_friction * running(t, w, pair, set)
         return out
 
     @wp.func
@@ -99,7 +110,7 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
         body = t.shape_body[t.pair_b[pair]]
         if body != WORLD:
             v += move.point(t, w, set, body, lever(k, body, g.pb) - g.hb[0] * g.n)
-        return wp.dot(perp(g.n), v)
+        return wp.dot(perp(g.n), v) + running(t, w, pair, set)
 
     @wp.func
     def shape_back(
@@ -187,6 +198,6 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
         if kind != PLANE:
             radii_back(t, k, w, a, end_a, discs[a], kind, g.flat, g.pa, g.n, out.support_a)
         radii_back(t, k, w, o, end_b, discs[o], ROUND, 0, g.pb, g.n, out.support_b)
-        return wp.dot(tangent, y.vm) - g.ha[0] * y.turn_a[2] - g.hb[0] * y.turn_b[2]
+        return wp.dot(tangent, y.vm) + y.run - g.ha[0] * y.turn_a[2] - g.hb[0] * y.turn_b[2]
 
     return SimpleNamespace(touch=make_touched(given, residual), slip=slip, include=include, settle=settle)

@@ -160,5 +160,10 @@ def slips(motion: Motion, impulse: np.ndarray) -> np.ndarray:
             bodies.velocity(scene.structure.shapes[shape].body, points[:, i])
             for i, shape in enumerate((ends.shape_a, ends.shape_b))
         )
-        out[steps, pair] = ((b - a) * across(normals)).sum(-1)
+        run = sum(
+            shape.ratio * v[:, shape.driver]
+            for shape in (scene.structure.shapes[i] for i in (ends.shape_a, ends.shape_b))
+            if shape.driver >= 0
+        )
+        out[steps, pair] = ((b - a) * across(normals)).sum(-1) - run
     return out
