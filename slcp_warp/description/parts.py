@@ -339,7 +339,9 @@ def box(
     corners = [(sx * x, sy * y) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     places = [(offset_x + c * u - s * w, offset_y + s * u + c * w) for u, w in corners]
     flag("sides", sides)
-    only = {"contype": 1, "conaffinity": 0} if sides else {}  # touch what is touched, and never each other
+    only: dict[str, Any] = (
+        {"contype": 1, "conaffinity": 0} if sides else {}
+    )  # touch what is touched, and never each other
     round_off = [Shape(f"{name}{i}", body, "disc", corner_radius, at, **only) for i, at in enumerate(places)]
     if not sides:
         return tuple(round_off)

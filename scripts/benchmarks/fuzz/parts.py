@@ -20,6 +20,7 @@
 - rotors: one to four steps of mechanisms with armature at half of their joints;
 - tendons: one to four steps of mechanisms with tendons, some with rectangles or restitution;
 - tendon-derivatives: derivatives of these;
+- runs: mechanisms with surfaces that run, followed for up to 20 steps; run-derivatives;
 - rings: mechanisms in rings and with rings on their bodies, followed for up to 20 steps;
 - ring-derivatives: derivatives of these.
 """
@@ -41,6 +42,7 @@ from .structures import (
     random_blocks,
     random_bouncers,
     random_rings,
+    random_runners,
     random_scene,
     random_tendons,
 )
@@ -139,6 +141,8 @@ PARTS = {
     "rotors": Part((99, 10), rotor_scene, steps=(1, 4)),
     "tendons": Part((99, 15), random_tendons, steps=(1, 4)),
     "tendon-derivatives": Part((99, 16), random_tendons, strategies=("generic",), differentiated=True),
+    "runs": Part((99, 21), random_runners, steps=(1, 20), strategies=("generic",)),
+    "run-derivatives": Part((99, 22), random_runners, strategies=("generic",), differentiated=True),
     "rings": Part((99, 17), random_rings, steps=(1, 20)),
     "ring-derivatives": Part((99, 18), random_rings, strategies=("generic",), differentiated=True),
 }

@@ -105,6 +105,32 @@ def random_bouncers(rng: Rng, name: str, size: Size = Size()) -> Scene:
             return dataclasses.replace(scene, contacts=contacts)
 
 
+def random_runners(rng: Rng, name: str, size: Size = Size()) -> Scene:
+    """A scene, half of whose shapes have a surface that runs with a coordinate, where one may, at least one
+    of them; with rectangles or restitution in half of the draws.
+    """
+    while True:
+        kind = rng.random()
+        draw = random_blocks if kind < 0.25 else random_bouncers if kind < 0.5 else random_scene
+        scene = draw(rng, name, size)
+        hangs = {body.name: body.parent for body in scene.bodies}
+        simple = [body.name for body in scene.bodies if JOINTS[body.joint] == 1]
+
+        def chain(body: str | None, hangs: dict[str, Any] = hangs) -> list[str]:
+            return [] if body is None else [body, *chain(hangs[body])]
+
+        shapes = []
+        for shape in scene.shapes:
+            own = chain(shape.body)
+            may = [d for d in simple if d not in own and (not own or chain(d)[-1] == own[-1])]
+            if may and rng.random() < 0.5:
+                driver, ratio = str(rng.choice(may)), float(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 2.0))
+                shape = dataclasses.replace(shape, driven_by=driver, surface_ratio=ratio)
+            shapes.append(shape)
+        if any(shape.driven_by for shape in shapes):
+            return dataclasses.replace(scene, shapes=tuple(shapes))
+
+
 def random_tendons(rng: Rng, name: str, size: Size = Size()) -> Scene:
     """A scene with one to three tendons, each of one to three coordinates, and actuators that pull at half of
     them; with rectangles or with restitution in a quarter of the draws each.

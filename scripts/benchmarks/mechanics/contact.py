@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from slcp_warp.description.kinematics import Array, across, turn
+from slcp_warp.kernels.structure import PairStructure
 
+from .aside import Block, leave
 from .tree import Frame, Mechanics
 
 DIRECTIONS, PEAKS, HALVINGS = 192, 3, 46
@@ -211,11 +213,32 @@ def touch(a: Placed, b: Placed, directions: int = DIRECTIONS, choice: int = 0) -
     return n, gap, pa, pb, margin, gap + ra + rb
 
 
+def meet(
+    m: Mechanics, frames: list[Frame], pair: PairStructure, directions: int = DIRECTIONS, choice: int = 0
+) -> tuple[Placed, Placed, tuple[Array, ...]]:
+    """Both shapes of a pair, or the discs at their ends, and what `touch` says of them; corners of rectangles
+    that overlap leave as the whole does.
+    """
+    a, b = place(m, frames, pair.shape_a, pair.end_a), place(m, frames, pair.shape_b, pair.end_b)
+    met = touch(a, b, directions, choice)
+    if {m.s.shapes[i].kind for i in (pair.shape_a, pair.shape_b)} != {"rectangle"}:
+        return a, b, met
+    one, other = (pair.shape_a, pair.shape_b) if pair.end_b else (pair.shape_b, pair.shape_a)
+    wholes = [place(m, frames, shape, 0) for shape in (one, other)]
+    blocks = [Block(each.at, each.angle, np.stack([each.a, each.b], -1), each.corner) for each in wholes]
+    disc, sign = (b, 1.0) if pair.end_b else (a, -1.0)
+    n, gap, margin = leave(*blocks, disc.at, sign * met[0], met[1], one < other)
+    at = disc.at - disc.a[:, None] * n
+    points = (at - gap[:, None] * n, at) if pair.end_b else (at, at - gap[:, None] * n)
+    moved = gap != met[1]
+    first, second = (np.where(moved[:, None], new, old) for new, old in zip(points, met[2:4]))
+    return a, b, (np.where(moved[:, None], sign * n, met[0]), gap, first, second, margin, met[5])
+
+
 def gaps(m: Mechanics, q: Array, directions: int = DIRECTIONS) -> Array:
     """Signed distances (B, pairs) alone."""
     frames = m.frames(q)
-    out = [touch(place(m, frames, p.shape_a, p.end_a), place(m, frames, p.shape_b, p.end_b), directions)[1]
-           for p in m.s.pairs]  # fmt: skip
+    out = [meet(m, frames, pair, directions)[2][1] for pair in m.s.pairs]
     return np.stack(out, -1) if out else np.zeros((len(q), 0))
 
 
@@ -224,8 +247,7 @@ def touches(m: Mechanics, q: Array, directions: int = DIRECTIONS, choice: int = 
     frames, nv = m.frames(q), m.s.nv
     out: list[tuple[Array, ...]] = []
     for pair in m.s.pairs:
-        a, b = place(m, frames, pair.shape_a, pair.end_a), place(m, frames, pair.shape_b, pair.end_b)
-        n, gap, pa, pb, margin, radius = touch(a, b, directions, choice)
+        a, b, (n, gap, pa, pb, margin, radius) = meet(m, frames, pair, directions, choice)
         jac = np.zeros((len(q), 2, nv))
         for sign, shape, point in ((-1.0, a, pa), (1.0, b, pb)):
             if shape.body >= 0:
@@ -234,6 +256,8 @@ def touches(m: Mechanics, q: Array, directions: int = DIRECTIONS, choice: int = 
         radii = np.maximum(a.a, a.b) + np.maximum(b.a, b.b)
         size, extent = a.reach + b.reach + radii, np.abs(a.at).sum(-1) + np.abs(b.at).sum(-1) + radii
         projected = [np.einsum("bi,bij->bj", along, jac) for along in (n, across(n))]
+        for shape in (m.s.shapes[pair.shape_a], m.s.shapes[pair.shape_b]):
+            projected[1][:, shape.driver] -= shape.ratio  # zero where no surface runs
         out.append((
             gap, *projected, size, extent, margin,
             size / np.maximum(np.abs(radius), 1e-30),
