@@ -114,3 +114,20 @@ def test_a_grip_holds_what_its_friction_can_carry(device):
     assert np.isfinite(found["dropped"][falls]).all() and np.isinf(found["dropped"][holds]).all()
     np.testing.assert_allclose(found["grip"][holds], force, rtol=0.02)
     np.testing.assert_allclose(np.ptp(found["drawn_box.radius_0"]), 0.3 * 0.03, rtol=0.15)
+
+
+def test_parcels_are_drawn_apart_by_a_faster_belt(device):
+    """By the ratio of the speeds, less what they slip; on one belt they stay as near as they were."""
+    task = runpy.run_path(str(FOLDER / "conveyor.py"))["conveyor"]
+    scene = task.scene
+    sim = task.simulator(task.options, device=device)
+    run = sim.rollout(scene.x0, steps=task.steps)
+    places = run.states[-1, [scene.state_index(f"{name}.x") for name in ("first", "second", "third")]]
+    assert not run.status
+    np.testing.assert_allclose(-np.diff(places), 0.25 * 0.5 / 0.3, rtol=0.01)
+    even = sim.rollout(scene.state({"sorter.vshift": 0.3}), steps=task.steps).states[-1]
+    near = even[[scene.state_index(f"{name}.x") for name in ("first", "second", "third")]]
+    np.testing.assert_allclose(-np.diff(near), 0.25, rtol=0.03)
+    report = slcp.sweep(task, worlds=100, cases=task.options, device=device)
+    found = report.part("none")
+    assert found["success"].mean() > 0.95 and not found["status"].any() and not found["start_overlap"].any()

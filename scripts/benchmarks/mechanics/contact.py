@@ -227,7 +227,7 @@ def meet(
     wholes = [place(m, frames, shape, 0) for shape in (one, other)]
     blocks = [Block(each.at, each.angle, np.stack([each.a, each.b], -1), each.corner) for each in wholes]
     disc, sign = (b, 1.0) if pair.end_b else (a, -1.0)
-    n, gap, margin = leave(*blocks, disc.at, sign * met[0], met[1], one < other)
+    n, gap, margin = leave(blocks[0], blocks[1], disc.at, sign * met[0], met[1], one < other)
     at = disc.at - disc.a[:, None] * n
     points = (at - gap[:, None] * n, at) if pair.end_b else (at, at - gap[:, None] * n)
     moved = gap != met[1]
@@ -256,8 +256,8 @@ def touches(m: Mechanics, q: Array, directions: int = DIRECTIONS, choice: int = 
         radii = np.maximum(a.a, a.b) + np.maximum(b.a, b.b)
         size, extent = a.reach + b.reach + radii, np.abs(a.at).sum(-1) + np.abs(b.at).sum(-1) + radii
         projected = [np.einsum("bi,bij->bj", along, jac) for along in (n, across(n))]
-        for shape in (m.s.shapes[pair.shape_a], m.s.shapes[pair.shape_b]):
-            projected[1][:, shape.driver] -= shape.ratio  # zero where no surface runs
+        for surface in (m.s.shapes[pair.shape_a], m.s.shapes[pair.shape_b]):
+            projected[1][:, surface.driver] -= surface.ratio  # zero where no surface runs
         out.append((
             gap, *projected, size, extent, margin,
             size / np.maximum(np.abs(radius), 1e-30),

@@ -9,6 +9,7 @@ import numpy as np
 from ....storage.printed import Printed, Table, cell, counted, percents
 from ...statistics.intervals import Interval
 from ...store import save_table
+from ..axes import ITSELF
 
 
 @dataclass(frozen=True, repr=False)
@@ -67,7 +68,7 @@ class Tuned(Printed):
         return save_table(path, self.tried)
 
     def _line(self) -> str:
-        found = ", ".join(f"{name} = {value:.4g}" for name, value in self.numbers.items())
+        found = ", ".join(f"{name.rstrip(ITSELF)} = {value:.4g}" for name, value in self.numbers.items())
         tries = counted(len(self.tried["round"]), "candidate")
         text = (
             f"{self.wanted}: {found}; {percents(self.best.success)} % of {self.test_worlds:,} other worlds "
@@ -78,7 +79,9 @@ class Tuned(Printed):
 
     def _tables(self) -> list[Table]:
         both = self.first, self.best
-        rows = [(name, *(each.numbers[name] for each in both)) for name in self.numbers]
+        rows: list[tuple[Any, ...]] = [
+            (name.rstrip(ITSELF), *(each.numbers[name] for each in both)) for name in self.numbers
+        ]
         rows.append(("success [%]", *(percents(each.success) for each in both)))
         if self.value_name is not None and self.value_name not in self.numbers:
             means = ("{} ({} to {})".format(*map(cell, each.value)) for each in both)

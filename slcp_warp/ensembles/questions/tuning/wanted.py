@@ -11,6 +11,7 @@ from ....measures.reductions import Measure
 from ....tasks.task import Task
 from ...statistics import mean_interval
 from ...statistics.intervals import Interval
+from ..axes import ITSELF
 
 Cost = tuple[float, float, float]  # the first number counts most; less is better
 SUCCESS = "success"
@@ -108,7 +109,7 @@ class Wanted:
             return "most success"
         size = "least" if self._sign > 0.0 else "largest"
         kept = "" if self.least is None else f" with success in {100.0 * self.least:g} % of the worlds"
-        return f"{size} {self.name}{kept}"
+        return f"{size} {self.name.rstrip(ITSELF)}{kept}"
 
 
 def ranks(costs: list[Cost]) -> list[float]:
