@@ -7,11 +7,8 @@ import numpy as np
 
 from slcp_warp.kernels.gradients.generic.spans import TAIL
 
-from ..inputs.arrays import kind_of, to_numpy
-from ..inputs.checks import array, instance
-from ..inputs.errors import ArgumentError
 from ..parameters import Parameters
-from .moving import MovingBodies
+from .moving import MovingBodies, moving_bodies
 
 
 @dataclass(frozen=True)
@@ -48,24 +45,7 @@ def energies(states: Any, params: Parameters) -> Energies:
     Raises:
         ArgumentError: states of another shape, or not as many worlds.
     """
-    scene = instance("params", params, Parameters, "slcp_warp.Parameters").scene
-    x = array("states", states if kind_of(states) == "numpy" else to_numpy(states), finite=False)
-    if x.shape[-1:] != (2 * scene.nv,):
-        raise ArgumentError(f"states has shape {x.shape}; (..., {2 * scene.nv}) is needed")
-    numbers = {name: np.asarray(params[name], float) for name in params.names}
-    if params.worlds is not None:
-        if x.ndim < 2 or x.shape[0] != params.worlds:
-            raise ArgumentError(f"states has shape {x.shape}; params are of {params.worlds} worlds")
-        numbers = {name: _beside(params, name, value, x.ndim) for name, value in numbers.items()}
-    return _energies(MovingBodies(scene.structure, numbers, x[..., : scene.nv], x[..., scene.nv :]))
-
-
-def _beside(params: Parameters, name: str, value: np.ndarray, axes: int) -> np.ndarray:
-    """A number's worlds, if it has some, as the first of as many axes as states have before their last."""
-    own = params.layout.shape(name)
-    if value.ndim == len(own):
-        return value
-    return value.reshape((len(value), *(1,) * (axes - 2), *own))
+    return _energies(moving_bodies(states, params))
 
 
 def _energies(bodies: MovingBodies) -> Energies:

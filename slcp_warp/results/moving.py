@@ -5,6 +5,10 @@ from typing import Any
 import numpy as np
 
 from ..description.kinematics import across, joint_pose, slides, turn
+from ..inputs.arrays import kind_of, to_numpy
+from ..inputs.checks import array, instance
+from ..inputs.errors import ArgumentError
+from ..parameters import Parameters
 
 
 class MovingBodies:
@@ -40,3 +44,30 @@ class MovingBodies:
     def velocity(self, body: int, place: np.ndarray) -> np.ndarray:
         """Velocity of what a body has at a place in the world."""
         return self.speed[body] + self.rate[body][..., None] * across(place - self.place[body])
+
+
+def moving_bodies(states: Any, params: Parameters) -> MovingBodies:
+    """The bodies of the scene that parameters are of, in its states (..., 2 nv); where these are of worlds, of
+    as many worlds in the first axis.
+
+    Raises:
+        ArgumentError: states of another shape, or not as many worlds.
+    """
+    scene = instance("params", params, Parameters, "slcp_warp.Parameters").scene
+    x = array("states", states if kind_of(states) == "numpy" else to_numpy(states), finite=False)
+    if x.shape[-1:] != (2 * scene.nv,):
+        raise ArgumentError(f"states has shape {x.shape}; (..., {2 * scene.nv}) is needed")
+    numbers = {name: np.asarray(params[name], float) for name in params.names}
+    if params.worlds is not None:
+        if x.ndim < 2 or x.shape[0] != params.worlds:
+            raise ArgumentError(f"states has shape {x.shape}; params are of {params.worlds} worlds")
+        numbers = {name: _beside(params, name, value, x.ndim) for name, value in numbers.items()}
+    return MovingBodies(scene.structure, numbers, x[..., : scene.nv], x[..., scene.nv :])
+
+
+def _beside(params: Parameters, name: str, value: np.ndarray, axes: int) -> np.ndarray:
+    """A number's worlds, if it has some, as the first of as many axes as states have before their last."""
+    own = params.layout.shape(name)
+    if value.ndim == len(own):
+        return value
+    return value.reshape((len(value), *(1,) * (axes - 2), *own))
