@@ -41,7 +41,7 @@ from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
 from .plain.complementarity import Complementarity, solve_complementarity
 from .plain.residuals import residual
-from .results import Energies, Linearization, Step, Trajectory, energies
+from .results import Energies, Linearization, Momentum, Step, Trajectory, energies, momentum
 from .simulator import Simulator
 from .simulator.products import Pullback, Pushforward, jvp, vjp, weighted_hessian
 from .stepping.strategy import StrategyError
@@ -69,6 +69,7 @@ __all__ = [
     "Linearization",
     "LogNormal",
     "MjcfError",
+    "Momentum",
     "Normal",
     "OptionError",
     "Options",
@@ -120,6 +121,7 @@ __all__ = [
     "load_task",
     "measures",
     "mjcf_control_limits",
+    "momentum",
     "particle_rollout",
     "particles",
     "pin",

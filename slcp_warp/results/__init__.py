@@ -2,7 +2,17 @@
 
 from .energies import Energies, energies
 from .linearization import Linearization
+from .momentum import Momentum, momentum
 from .step import Step, contact_impulse
 from .trajectory import Trajectory
 
-__all__ = ["Energies", "Linearization", "Step", "Trajectory", "contact_impulse", "energies"]
+__all__ = [
+    "Energies",
+    "Linearization",
+    "Momentum",
+    "Step",
+    "Trajectory",
+    "contact_impulse",
+    "energies",
+    "momentum",
+]

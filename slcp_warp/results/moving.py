@@ -47,8 +47,8 @@ class MovingBodies:
 
 
 def moving_bodies(states: Any, params: Parameters) -> MovingBodies:
-    """The bodies of the scene that parameters are of, in its states (..., 2 nv); where these are of worlds, of
-    as many worlds in the first axis.
+    """The bodies of the scene that parameters are of, in its states (..., 2 nv); where parameters are of
+    worlds, of as many in the first axis.
 
     Raises:
         ArgumentError: states of another shape, or not as many worlds.

@@ -19,6 +19,7 @@ from ..options import Options, Status
 from ..parameters import Parameters
 from ..storage.printed import Printed, Table, counted
 from .energies import Energies, energies
+from .momentum import Momentum, momentum
 from .overlaps import failed, failed_table
 from .pictures.contacts import contact_table, slips
 from .pictures.motion import Motion
@@ -209,6 +210,17 @@ class Trajectory(Printed):
         if self.batched:
             return found
         return Energies(found.kinetic[0], found.potential[0], found.elastic[0])
+
+    @property
+    def momentum(self) -> Momentum:
+        """Momentum and centre of mass of every state, of all bodies, (B, N+1): see `slcp_warp.momentum`.
+
+        Without the axis of worlds where the states have none.
+        """
+        found = momentum(self.recorded("states"), self.params)
+        if self.batched:
+            return found
+        return Momentum(found.mass[0], found.place[0], found.linear[0], found.angular[0])
 
     def failures(self) -> list[tuple[int, str, str]]:
         """The first worlds that are not SOLVED: number, status, what overlaps in the state they failed at.

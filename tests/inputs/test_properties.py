@@ -136,6 +136,7 @@ CALLS = {
         slcp.jvp, {"sim": sim(), "x0": X, "controls": US, "dx0": X}, {"x0": ("controls",),
         "controls": ("dcontrols",)}),
     "energies": (slcp.energies, {"states": X, "params": sim().params}, {"params": ("states",)}),
+    "momentum": (slcp.momentum, {"states": X, "params": sim().params}, {"params": ("states",)}),
     "weighted_hessian": (
         slcp.weighted_hessian, {"sim": sim(), "x": X, "u": U, "weights": X}, {"x": ("u", "weights")}),
     "particles": (
@@ -280,7 +281,7 @@ with contextlib.suppress(ImportError):
 # What functions give back, and protocols: made by the package, not by its users.
 GIVEN = {
     "Complementarity", "CostFunctions", "Dynamics", "DynamicsFunctions", "Energies", "FailureShare",
-    "Falsification",
+    "Falsification", "Momentum",
     "Linearization", "Multistart", "ParticleRollout", "Particles", "Pullback", "Pushforward", "Report",
     "Result", "Robust", "RobustnessMap", "Sampled", "Sensitivity", "SequentialComparison", "Situation",
     "StartPolicy",
