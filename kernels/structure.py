@@ -50,14 +50,13 @@ class BodyStructure:
 @dataclass(frozen=True)
 class ShapeStructure:
     """One shape: its body (WORLD = -1), kind, and whether it is turned against its body's axes; the degree of
-    freedom whose rate its surface runs with (-1: none), and by how much [m a unit].
+    freedom with whose rate its surface runs (-1: none).
     """
 
     body: int
     kind: str
     turned: bool = False
     driver: int = field(default=-1, repr=False)
-    ratio: float = field(default=0.0, repr=False)
 
 
 @dataclass(frozen=True)
@@ -280,6 +279,8 @@ def layout(s: Structure) -> Layout:
         shapes |= {"corner_radius": (ns,)}
     if s.bounces:
         shapes |= {"restitution": (len(s.pairs),)}
+    if s.runs:
+        shapes |= {"surface_ratio": (ns,)}
     if s.sprung:
         shapes |= {"stiffness": (s.nv,), "rest": (s.nv,)}
     if s.springs:

@@ -35,9 +35,9 @@ class Parameters(Printed):
     Names and units: step_size h [s]; sigma per row [m/s, rad/s]; gravity [m/s^2]; mass [kg]; inertia [kg
     m^2]; com, anchor, axis per body [m]; angle per body [rad]; damping, lower, upper per degree of freedom,
     and stiffness, rest, armature where the scene has such; gear per actuator; friction per contact; radius
-    (2), shape_offset (2) [m], shape_angle [rad] per shape; spring_stiffness [N/m], spring_damping [N s/m],
-    spring_length [m], spring_point (2 ends, 2) [m] per spring; tendon_stiffness, tendon_damping,
-    tendon_length per tendon, tendon_coefficient per tendon and coordinate.
+    (2), shape_offset (2) [m], shape_angle [rad] per shape, surface_ratio where one runs; spring_stiffness
+    [N/m], spring_damping [N s/m], spring_length [m], spring_point (2 ends, 2) [m] per spring;
+    tendon_stiffness, tendon_damping, tendon_length per tendon, tendon_coefficient per tendon and coordinate.
     """
 
     def __init__(

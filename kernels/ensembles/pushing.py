@@ -111,7 +111,7 @@ def make_slip(given: type, residual: str) -> wp.Function:
         out = ZERO
         for at in range(t.pair_start[pair], t.pair_start[pair + 1]):
             j = t.pair_dof[at]
-            out += contact.moved_by(t, k, at, pa, pb, g)[1] * k.v0[j]
+            out += contact.moved_by(t, k, pair, at, pa, pb, g)[1] * k.v0[j]
         return out
 
     return slip

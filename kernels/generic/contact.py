@@ -17,7 +17,7 @@ from .mechanism import COLUMN, make_mechanism
 from .rows.bounces import make_bounces
 from .rows.overlaps import make_overlaps
 from .shapes import make_shapes
-from .topology import CONTACT, LOWER, MOVES_A, MOVES_B, ROUND, RUNS, TURN, Topology
+from .topology import CONTACT, LOWER, MOVES_A, MOVES_B, ROUND, RUNS_A, RUNS_B, TURN, Topology
 from .work import BESIDE, LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Island, Slot
 
 ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
@@ -38,7 +38,9 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     ZERO, ONE = dtype(0.0), dtype(1.0)
     TOUCHING, UNUSED = dtype(ROUNDING[given]), dtype(COLD)
     CUT = dtype(0.0 if residual == "hard" else make_smoothing(dtype, residual).cut)  # as in `acting.py`
-    H, SIGMA, LOW, UP, FRICTION = (COLUMN[n] for n in ("step_size", "sigma", "lower", "upper", "friction"))
+    H, SIGMA, LOW, UP, FRICTION, RATIO = (
+        COLUMN[n] for n in ("step_size", "sigma", "lower", "upper", "friction", "surface_ratio")
+    )
     shapes = make_shapes(given)
     pose_a, pose_b, radii_a, radii_b = shapes.pose_a, shapes.pose_b, shapes.radii_a, shapes.radii_b
     geometry, bound = shapes.geometry, shapes.bound
@@ -71,12 +73,23 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         return n
 
     @wp.func
-    def moved_by(t: wp.ref[Topology], k: wp.ref[Slot], at: int, pa: V4, pb: V4, g: GEO):
+    def running(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, side: int):
+        """How far the surfaces of a pair run by a unit of a degree of freedom on this side of it."""
+        out = dtype(0.0)
+        if (side & RUNS_A) != 0:
+            out += number(t, k, RATIO, t.pair_a[pair])
+        if (side & RUNS_B) != 0:
+            out += number(t, k, RATIO, t.pair_b[pair])
+        return out
+
+    @wp.func
+    def moved_by(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, at: int, pa: V4, pb: V4, g: GEO):
         """(J_n, J_t) of a pair for a degree of freedom, entry `at` of those that move it."""
         j = t.pair_dof[at]
         side = t.pair_side[at]
-        if side >= RUNS:  # a surface runs along t, seen from the other shape along -t
-            return moved(t, k, j, side - RUNS, pa, pb, g) - V2(ZERO, t.pair_ratio[at])
+        if side >= RUNS_A:  # a surface runs along t, seen from the other shape along -t
+            n = moved(t, k, j, side & (MOVES_A + MOVES_B), pa, pb, g)
+            return n - V2(ZERO, running(t, k, pair, side))
         return moved(t, k, j, side, pa, pb, g)
 
     @wp.func(inline=False)
@@ -89,7 +102,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             k.jac[at] = V3()
         for at in range(t.pair_start[pair], t.pair_start[pair + 1]):
             j = t.pair_dof[at]
-            n = moved_by(t, k, at, pa, pb, g)
+            n = moved_by(t, k, pair, at, pa, pb, g)
             for i in range(rows):
                 sign = dtype(t.row_sign[k.row[r + i]])
                 k.jac[k.entry[r + i] + t.pair_entry[at]][t.dof_part[j]] = n[0] + sign * mu * n[1]
@@ -239,10 +252,11 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         mu = number(t, k, FRICTION, pair)
         turn = wp.abs(va[2]) * spread_a + wp.abs(vb[2]) * wp.max(rb[0], rb[1])
         speed = wp.sqrt(ONE + mu * mu) * (wp.sqrt(dx * dx + dy * dy) + turn)
-        if t.runs == 1:
+        if t.columns[wp.static(RATIO)] >= 0:
             for at in range(t.pair_start[pair], t.pair_start[pair + 1]):
                 j = t.pair_dof[at]
-                speed += mu * wp.abs(t.pair_ratio[at] * k.v[t.dof_block[j]][t.dof_part[j]])
+                run = running(t, k, pair, t.pair_side[at])
+                speed += mu * wp.abs(run * k.v[t.dof_block[j]][t.dof_part[j]])
         sigma = number(t, k, SIGMA, t.pair_row[pair])
         for i in range(t.pair_row[pair] + 1, t.pair_row[pair + 1]):
             sigma = wp.max(sigma, number(t, k, SIGMA, i))
@@ -365,6 +379,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         velocity=velocity,
         geometry=geometry,
         moved_by=moved_by,
+        running=running,
         normal_rate=bounces.normal_rate,
         row_gap=row_gap,
         forget_bounces=bounces.forget,

@@ -26,13 +26,13 @@ PLANE, LONG, ROUND, BLOCK, HOLLOW = 0, 1, 2, 3, 4
 KINDS = {HALFPLANE: PLANE, CAPSULE: LONG, RECTANGLE: BLOCK, RING: HOLLOW}
 JOINT = {"revolute": 0, "prismatic": 1, "free": 2}
 MOVES_A, MOVES_B = 1, 2  # which sides of a pair a degree of freedom moves
-RUNS = 4  # added to these: a surface of the pair runs with it
+RUNS_A, RUNS_B = 4, 8  # added to these: whose surface runs with it
 
 NUMBERS = (
     "step_size", "gravity", "sigma", "mass", "inertia", "com", "anchor", "angle", "axis", "damping", "lower",
     "upper", "gear", "friction", "radius", "shape_offset", "shape_angle",
     "stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point", "armature",
-    "corner_radius", "restitution",
+    "corner_radius", "restitution", "surface_ratio",
     "tendon_stiffness", "tendon_damping", "tendon_length", "tendon_coefficient",
 )  # fmt: skip
 
@@ -56,7 +56,6 @@ class Topology:
     tendons: int
     rotors: int  # dofs with an inertia of their own (armature)
     bounces: int  # 1: pairs have a restitution
-    runs: int  # 1: the surface of a shape runs with a degree of freedom
     overlaps: int  # 1: they leave by no more than a speed, and may stay
     depenetration_speed: wp.float64  # this speed [m/s, rad/s]
     inertia_scaling: int
@@ -87,7 +86,6 @@ class Topology:
     tendon_dof: wp.array(dtype=wp.int32)  # their dofs
     rotor_dof: wp.array(dtype=wp.int32)  # (rotors)
     shape_body: wp.array(dtype=wp.int32)
-    shape_mover: wp.array(dtype=wp.int32)  # the body that moves its contacts, `Structure.mover`
     shape_turned: wp.array(dtype=wp.int32)
     pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE, LONG, ROUND, BLOCK or HOLLOW
     pair_a: wp.array(dtype=wp.int32)
@@ -98,8 +96,7 @@ class Topology:
     pair_row: wp.array(dtype=wp.int32)  # (pairs + 1) first row
     pair_start: wp.array(dtype=wp.int32)  # (pairs + 1) dofs that move its sides, last first
     pair_dof: wp.array(dtype=wp.int32)
-    pair_side: wp.array(dtype=wp.int32)  # MOVES_A, MOVES_B or both, and RUNS
-    pair_ratio: wp.array(dtype=wp.float64)  # of a surface that runs with it [m a unit]
+    pair_side: wp.array(dtype=wp.int32)  # MOVES_A, MOVES_B or both, and RUNS_A, RUNS_B
     pair_entry: wp.array(dtype=wp.int32)  # which of its rows' entries it is in
     row_kind: wp.array(dtype=wp.int32)  # (nr)
     row_index: wp.array(dtype=wp.int32)  # dof or pair
@@ -210,8 +207,6 @@ def make_topology(
     out.sprung, out.springs, out.tendons = len(s.sprung), len(s.springs), len(s.tendons)
     out.rotors = len(s.armature)
     out.bounces = int(s.bounces)
-    out.runs = int(s.runs)
-    out.pair_ratio = wp.array(_ratios(s, lists), dtype=wp.float64, device=device)
     out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
     out.overlaps, out.depenetration_speed = int(speed is not None), speed or 0.0
     out.implicit_damping, out.implicit_stiffness = int(s.implicit_damping), int(s.implicit_stiffness)
@@ -319,23 +314,19 @@ def _pair_tables(s: Structure, chains: list[list[int]], out: dict[str, list[int]
         )
         # what shifts both moves nothing between them
         moves = [j for j in a_moves | b_moves if j not in a_moves & b_moves or _dof_kind(s, j) == TURN]
-        runs = {s.shapes[i].driver for i in (a, b)} - {-1}
-        dofs.append(sorted({*moves, *runs}, reverse=True))
-        sides.append(
-            [
-                MOVES_A * (j in moves and j in a_moves)
-                + MOVES_B * (j in moves and j in b_moves)
-                + RUNS * (j in runs)
-                for j in dofs[-1]
-            ]
-        )
+        runs = [s.shapes[i].driver for i in (a, b)]
+        dofs.append(sorted({*moves, *runs} - {-1}, reverse=True))
+        sides.append([
+            MOVES_A * (j in moves and j in a_moves) + MOVES_B * (j in moves and j in b_moves)
+            + RUNS_A * (j == runs[0]) + RUNS_B * (j == runs[1])
+            for j in dofs[-1]
+        ])  # fmt: skip
     ends = [oriented_ends(s, k) for k in range(len(s.pairs))]
     kinds = [
         tuple(DISC if end else s.shapes[i].kind for i, end in zip(pair, at, strict=True))
         for pair, at in zip(pairs, ends, strict=True)
     ]
     out["shape_body"] = [shape.body for shape in s.shapes]
-    out["shape_mover"] = [s.mover(i) for i in range(len(s.shapes))]
     out["shape_turned"] = [int(shape.turned) for shape in s.shapes]
     out["pair_kind"] = [KINDS.get(a, ROUND) for a, _ in kinds]
     out["pair_ends"] = [end for at in ends for end in at]
@@ -347,16 +338,6 @@ def _pair_tables(s: Structure, chains: list[list[int]], out: dict[str, list[int]
     out["pair_row"] = [*starts, s.nr]
     unit_of = dict(zip(s.dof_body, (out["block_unit"][b] for b in out["dof_block"]), strict=True))
     out["pair_unit"] = [unit_of.get(s.mover(i), -1) for pair in pairs for i in pair]
-
-
-def _ratios(s: Structure, lists: dict[str, list[int]]) -> list[float]:
-    """How fast surfaces run by every entry of the pairs' degrees of freedom, those of both shapes added."""
-    out = []
-    for k in range(len(s.pairs)):
-        shapes = [s.shapes[lists[name][k]] for name in ("pair_a", "pair_b")]
-        for j in lists["pair_dof"][lists["pair_start"][k] : lists["pair_start"][k + 1]]:
-            out.append(sum(shape.ratio for shape in shapes if shape.driver == j))
-    return out
 
 
 def _row_tables(

@@ -10,7 +10,7 @@ from .scene import Scene
 
 OF_DOFS = ("damping", "lower", "upper", "stiffness", "rest", "armature")
 OF_PAIRS = ("friction", "restitution")
-OF_SHAPES = ("radius", "corner_radius", "shape_offset", "shape_angle")
+OF_SHAPES = ("radius", "corner_radius", "shape_offset", "shape_angle", "surface_ratio")
 
 # what a part was built without
 BUILT = {
@@ -22,6 +22,7 @@ BUILT = {
     "friction": "without friction",
     "restitution": "without restitution",
     "corner_radius": "without corners",
+    "surface_ratio": "without a surface that runs",
     "shape_angle": "with the angle 0, which the kernels leave out",
 }
 
@@ -39,6 +40,8 @@ def acting(structure: Structure, name: str) -> list[bool]:
         return [pair.friction for pair in s.pairs]
     if name == "restitution":
         return [pair.restitution for pair in s.pairs]
+    if name == "surface_ratio":
+        return [shape.driver >= 0 for shape in s.shapes]
     if name == "corner_radius":
         return [shape.kind == RECTANGLE for shape in s.shapes]
     return [shape.turned for shape in s.shapes]

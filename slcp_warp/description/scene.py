@@ -247,6 +247,10 @@ class Scene(Printed):
         }
         if s.bounces:
             values["restitution"] = np.array([c.restitution or 0.0 for c in pairs], float)
+        if s.runs:
+            values["surface_ratio"] = np.array(
+                [sh.surface_ratio * bool(sh.driven_by) for sh in self.shapes], float
+            )
         if "corner_radius" in layout(s).names:
             values["corner_radius"] = np.array([sh.corner_radius for sh in self.shapes], float)
         present = [*(("stiffness", "rest") if s.sprung else ()), *(("armature",) if s.armature else ())]

@@ -81,7 +81,7 @@ def _shape(s: Shape, bodies: Sequence[Body], places: Mapping[str, int], tree: "_
             f"shape {s.name!r}: driven_by is {s.driven_by!r}, which does not hang on "
             f"{bodies[above[-1]].name!r} as its body does; of another tree it drives shapes of the world"
         )
-    return ShapeStructure(*own, tree.bodies[driver].dofs[0], float(s.surface_ratio))
+    return ShapeStructure(*own, tree.bodies[driver].dofs[0])
 
 
 def contact_ends(shapes: Sequence[Shape], contact: Contact) -> tuple[tuple[int, int], ...]:

@@ -31,6 +31,7 @@ OF_EITHER_SIGN = (
     "spring_stiffness",
     "tendon_stiffness",
     "tendon_coefficient",
+    "surface_ratio",
 )
 PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, *OF_EITHER_SIGN} - {"period"})  # by factors
 COVARIANCES = ("position_covariance", "velocity_covariance")

@@ -315,8 +315,8 @@ class Oracle:
         relative = moving[1] - moving[0]
         n, t = direction(angle), direction(angle + np.pi / 2)
         along = np.einsum("...i,...ij->...j", t, relative)
-        for shape in (self.structure.shapes[i] for i in (pair.shape_a, pair.shape_b)):
-            along[..., shape.driver] -= shape.ratio  # zero of one whose surface does not run
+        for i in (pair.shape_a, pair.shape_b) if self.structure.runs else ():  # zero where no surface runs
+            along[..., self.structure.shapes[i].driver] -= self.p["surface_ratio"][..., i]
         return gap, np.einsum("...i,...ij->...j", n, relative), along, margin
 
     def rows(self, q):

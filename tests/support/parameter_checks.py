@@ -29,6 +29,7 @@ def acts(scene, name, row):
     has |= dict.fromkeys(("stiffness", "rest"), [j in s.sprung for j in range(s.nv)])
     has["corner_radius"] = [shape.kind == "rectangle" for shape in s.shapes]
     has["restitution"] = [pair.restitution for pair in s.pairs]
+    has["surface_ratio"] = [shape.driver >= 0 for shape in s.shapes]
     has["armature"] = [j in s.armature for j in range(s.nv)]
     return name not in has or has[name][row]
 

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ...structure import WORLD
 from ..mechanism import COLUMN, make_mechanism
 from ..topology import CONTACT, Topology
 from ..work import WORK, Slot
@@ -40,20 +39,14 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
         """The group of a limit's degree of freedom, of body A of a contact; -1: none."""
         if t.row_kind[i] != CONTACT:
             return g.dof_group[t.row_index[i]]
-        body = t.shape_mover[t.pair_a[t.row_index[i]]]
-        if body == WORLD:
-            return -1
-        return g.body_group[body]
+        return g.shape_group[t.pair_a[t.row_index[i]]]
 
     @wp.func
     def second_group(t: wp.ref[Topology], g: Groups, i: int):
         """The group of body B of a contact if it is another one; -1: none."""
         if t.row_kind[i] != CONTACT:
             return -1
-        body = t.shape_mover[t.pair_b[t.row_index[i]]]
-        if body == WORLD:
-            return -1
-        found = g.body_group[body]
+        found = g.shape_group[t.pair_b[t.row_index[i]]]
         if found == first_group(t, g, i):
             return -1
         return found

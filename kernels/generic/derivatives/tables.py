@@ -27,6 +27,7 @@ class Groups:
     width: int  # most degrees of freedom of the groups of one row
     most: int  # most degrees of freedom that move a pair
     body_group: wp.array(dtype=wp.int32)  # (nb)
+    shape_group: wp.array(dtype=wp.int32)  # (shapes) of what moves its contacts, -1: nothing
     dof_group: wp.array(dtype=wp.int32)  # (nv)
     dof_local: wp.array(dtype=wp.int32)  # (nv) position in its group
     group_start: wp.array(dtype=wp.int32)  # degrees of freedom, ascending
@@ -77,6 +78,8 @@ def group_tables(s: Structure) -> dict[str, list[int]]:
     names = sorted(set(block))
     dofs = [[j for j in range(s.nv) if block[s.dof_body[j]] == name] for name in names]
     out: dict[str, list[int]] = {"body_group": [names.index(name) for name in block]}
+    movers = [s.mover(i) for i in range(len(s.shapes))]
+    out["shape_group"] = [-1 if body == WORLD else out["body_group"][body] for body in movers]
     out["dof_group"] = [out["body_group"][b] for b in s.dof_body]
     out["dof_local"] = [dofs[out["dof_group"][j]].index(j) for j in range(s.nv)]
     out["group_start"], out["group_dof"] = _ragged(dofs)

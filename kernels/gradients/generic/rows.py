@@ -14,7 +14,6 @@ from ...generic.derivatives.tables import Groups
 from ...generic.rows.overlaps import ROOM, STAYS
 from ...generic.topology import BLOCK, CONTACT, LONG, LOWER, Topology
 from ...generic.work import ROWS, WORK, Slot
-from ...structure import WORLD
 from .dual import make_dual
 from .motion import make_motion
 from .room import DUAL, NEW, OLD, ROW, Room, View
@@ -76,14 +75,8 @@ def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
         """The groups of bodies that row i moves, -1: none."""
         if t.row_kind[i] != CONTACT:
             return wp.where(side == 0, s.dof_group[t.row_index[i]], -1)
-        a = t.shape_mover[t.pair_a[t.row_index[i]]]
-        o = t.shape_mover[t.pair_b[t.row_index[i]]]
-        first = int(-1)
-        second = int(-1)
-        if a != WORLD:
-            first = s.body_group[a]
-        if o != WORLD:
-            second = s.body_group[o]
+        first = s.shape_group[t.pair_a[t.row_index[i]]]
+        second = int(s.shape_group[t.pair_b[t.row_index[i]]])
         if second == first:
             second = -1
         return wp.where(side == 0, first, second)

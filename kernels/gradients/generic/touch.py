@@ -11,7 +11,7 @@ from ...contact.sided import make_core
 from ...factories import cached
 from ...generic.contact import make_contact
 from ...generic.derivatives.touched import Touch, make_touched
-from ...generic.topology import BLOCK, HOLLOW, LONG, PLANE, ROUND, Topology
+from ...generic.topology import BLOCK, HOLLOW, LONG, PLANE, ROUND, RUNS_A, RUNS_B, Topology
 from ...generic.work import Slot
 from ...structure import WORLD
 from ..contact import make_answer
@@ -30,7 +30,10 @@ class Sum:
     vm: V2
     turn_a: wp.vec3d  # under y_n, y_t, and the slope
     turn_b: wp.vec3d
-    run: wp.float64  # what surfaces that run add to y_t's slope by friction
+    run_a: (
+        V2  # rates of A's and B's surface by a unit of `surface_ratio`, under y_t and its slope by friction
+    )
+    run_b: V2
     by_a: V2  # slopes by the levers of the centres
     by_b: V2
 
@@ -46,8 +49,8 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
     z, of = move.solved, make_answer(wp.float64)
     Answer = of.Answer
     number, two, add, add2, origin = z.number, z.two, z.add, z.add2, z.origin
-    RADIUS, CORNER, OFFSET, ANGLE = (
-        z.COLUMN[n] for n in ("radius", "corner_radius", "shape_offset", "shape_angle")
+    RADIUS, CORNER, OFFSET, ANGLE, RATIO = (
+        z.COLUMN[n] for n in ("radius", "corner_radius", "shape_offset", "shape_angle", "surface_ratio")
     )
     ZERO, ONE = wp.float64(0.0), wp.float64(1.0)
     core = make_core(wp.float64)
@@ -62,11 +65,23 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
 
     @wp.func
     def running(t: wp.ref[Topology], w: wp.ref[View], pair: int, set: int):
-        """What surfaces that run add to J_t y of a set of joint rates."""
-        out = ZERO + ZERO
-        if t.runs == 1:
+        """The rates with which the surfaces of A and B run, in a set of joint rates."""
+        out = V2()
+        if t.columns[wp.static(RATIO)] >= 0:
             for at in range(t.pair_start[pair], t.pair_start[pair + 1]):
-                out -= t.pair_ratio[at] * w.rates[set * t.nv + t.pair_dof[at]]
+                rate = w.rates[set * t.nv + t.pair_dof[at]]
+                if (t.pair_side[at] & RUNS_A) != 0:
+                    out[0] = rate
+                if (t.pair_side[at] & RUNS_B) != 0:
+                    out[1] = rate
+        return out
+
+    @wp.func
+    def run(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, rate_a: wp.float64, rate_b: wp.float64):
+        """What surfaces that run at these rates add to J_t y."""
+        out = ZERO + ZERO
+        if t.columns[wp.static(RATIO)] >= 0:
+            out -= number(t, k, RATIO, t.pair_a[pair]) * rate_a + number(t, k, RATIO, t.pair_b[pair]) * rate_b
         return out
 
     @wp.func(inline=False)
@@ -97,7 +112,9 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
         out.vn += by_normal * v
         out.vt += by_tangent * v
         out.vm += by_friction * v
-        out.run += by_friction * running(t, w, pair, set)
+        rates = running(t, w, pair, set)
+        out.run_a += rates[0] * V2(by_tangent, by_friction)
+        out.run_b += rates[1] * V2(by_tangent, by_friction)
         return out
 
     @wp.func
@@ -110,7 +127,8 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
         body = t.shape_body[t.pair_b[pair]]
         if body != WORLD:
             v += move.point(t, w, set, body, lever(k, body, g.pb) - g.hb[0] * g.n)
-        return wp.dot(perp(g.n), v) + running(t, w, pair, set)
+        rates = running(t, w, pair, set)
+        return wp.dot(perp(g.n), v) + run(t, k, pair, rates[0], rates[1])
 
     @wp.func
     def shape_back(
@@ -198,6 +216,10 @@ def make_touch(given: type, residual: str, graded: bool) -> SimpleNamespace:
         if kind != PLANE:
             radii_back(t, k, w, a, end_a, discs[a], kind, g.flat, g.pa, g.n, out.support_a)
         radii_back(t, k, w, o, end_b, discs[o], ROUND, 0, g.pb, g.n, out.support_b)
-        return wp.dot(tangent, y.vm) + y.run - g.ha[0] * y.turn_a[2] - g.hb[0] * y.turn_b[2]
+        if t.columns[wp.static(RATIO)] >= 0:
+            add(t, w, RATIO, a, -y.run_a[0])
+            add(t, w, RATIO, o, -y.run_b[0])
+        ran = run(t, k, pair, y.run_a[1], y.run_b[1])
+        return wp.dot(tangent, y.vm) + ran - g.ha[0] * y.turn_a[2] - g.hb[0] * y.turn_b[2]
 
     return SimpleNamespace(touch=make_touched(given, residual), slip=slip, include=include, settle=settle)

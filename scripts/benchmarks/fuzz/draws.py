@@ -117,6 +117,9 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
         out["spring_stiffness"] = stiffened(rng, scene, out["spring_stiffness"], tied, h)
     if s.tendons:
         out |= _tendons(rng, scene, mass, h, most)
+    if s.runs:
+        ratio = rng.choice([-1.0, 1.0], (n, len(s.shapes))) * rng.uniform(0.1, 2.0, (n, len(s.shapes)))
+        out["surface_ratio"] = np.where([shape.driver >= 0 for shape in s.shapes], ratio, 0.0)
     if s.bounces:
         out["restitution"] = _shares(rng, n, len(s.pairs))
     _lay_guides(rng, scene, out, cosine)

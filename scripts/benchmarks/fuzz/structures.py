@@ -260,8 +260,9 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
     for i, shape in enumerate(scene.shapes):
         radius, two = flat(numbers["radius"][i]), shape.kind in ("ellipse", "capsule", "rectangle")
         corner = float(numbers["corner_radius"][i]) if shape.kind == "rectangle" else 0.0
+        ratio = float(numbers["surface_ratio"][i]) if shape.driven_by else shape.surface_ratio
         shapes.append(dataclasses.replace(
-            shape, radius=radius if two else radius[0], corner_radius=corner,
+            shape, radius=radius if two else radius[0], corner_radius=corner, surface_ratio=ratio,
             offset=flat(numbers["shape_offset"][i]), angle=float(numbers["shape_angle"][i]),
         ))  # fmt: skip
     for contact in scene.all_contacts:

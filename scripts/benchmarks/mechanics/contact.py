@@ -256,8 +256,8 @@ def touches(m: Mechanics, q: Array, directions: int = DIRECTIONS, choice: int = 
         radii = np.maximum(a.a, a.b) + np.maximum(b.a, b.b)
         size, extent = a.reach + b.reach + radii, np.abs(a.at).sum(-1) + np.abs(b.at).sum(-1) + radii
         projected = [np.einsum("bi,bij->bj", along, jac) for along in (n, across(n))]
-        for surface in (m.s.shapes[pair.shape_a], m.s.shapes[pair.shape_b]):
-            projected[1][:, surface.driver] -= surface.ratio  # zero where no surface runs
+        for i in (pair.shape_a, pair.shape_b) if m.s.runs else ():  # zero where a surface does not run
+            projected[1][:, m.s.shapes[i].driver] -= m.p["surface_ratio"][:, i]
         out.append((
             gap, *projected, size, extent, margin,
             size / np.maximum(np.abs(radius), 1e-30),

@@ -161,9 +161,9 @@ def slips(motion: Motion, impulse: np.ndarray) -> np.ndarray:
             for i, shape in enumerate((ends.shape_a, ends.shape_b))
         )
         run = sum(
-            shape.ratio * v[:, shape.driver]
-            for shape in (scene.structure.shapes[i] for i in (ends.shape_a, ends.shape_b))
-            if shape.driver >= 0
+            motion.numbers["surface_ratio"][..., i] * v[:, scene.structure.shapes[i].driver]
+            for i in (ends.shape_a, ends.shape_b)
+            if scene.structure.shapes[i].driver >= 0
         )
         out[steps, pair] = ((b - a) * across(normals)).sum(-1) - run
     return out
