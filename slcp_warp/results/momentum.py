@@ -8,6 +8,7 @@ import numpy as np
 
 from ..description.kinematics import across
 from ..inputs import checks
+from ..inputs.errors import ArgumentError
 from ..parameters import Parameters
 from .moving import moving_bodies
 
@@ -53,7 +54,9 @@ def momentum(states: Any, params: Parameters, bodies: Sequence[str] | str | None
     """
     moving = moving_bodies(states, params)
     names = [body.name for body in params.scene.bodies]
-    chosen = names if bodies is None else list(checks.names("bodies", bodies, names))
+    chosen = names if bodies is None else list(dict.fromkeys(checks.names("bodies", bodies, names)))
+    if not chosen:
+        raise ArgumentError("bodies is empty; at least one is needed")
     mass, place = np.zeros(moving.q.shape[:-1]), np.zeros((*moving.q.shape[:-1], 2))
     linear, parts = np.zeros_like(place), []
     for b in (names.index(name) for name in chosen):

@@ -24,18 +24,23 @@ def leaving(oracle, q, k, angle, gap):
     def reach(way, points, radius):  # how far discs at points (n, ..., 2) reach along a direction (...)
         return np.max(np.sum(direction(way) * points, -1), 0) + radius
 
-    found = []  # motion of the corner's rectangle, and the angle of that motion
+    found = []  # motion of the corner's rectangle, the angle of that motion, and by what one passes the other
     for axis in (turn[0], turn[0] + np.pi / 2, turn[1], turn[1] + np.pi / 2):
         apart = np.sum(direction(axis) * (cb - ca), -1)
         way = axis + np.where((apart < 0.0) | ((apart == 0.0) & (shapes[0] > shapes[1])), np.pi, 0.0)
-        found.append((reach(way, corners[0], round_[0]) + reach(way + np.pi, corners[1], round_[1]), way))
-    least = np.argmin([move for move, _ in found], 0)
-    move, way = (np.take_along_axis(np.array(each), least[None], 0)[0] for each in zip(*found))
-    sides = np.array([way for _, way in found[:2]])
+        ends = [
+            (reach(way, points, radius), reach(way + np.pi, points, radius))
+            for points, radius in zip(corners, round_)
+        ]
+        past = np.maximum(ends[0][0] - ends[1][0], ends[1][1] - ends[0][1])
+        found.append((ends[0][0] + ends[1][1], way, past))
+    least = np.argmin([move for move, _, _ in found], 0)
+    move, way, past = (np.take_along_axis(np.array(each), least[None], 0)[0] for each in zip(*found))
+    sides = np.array([way for _, way, _ in found[:2]])
     near = np.argmax(np.abs(np.cos(sides - way)), 0)
     side = np.take_along_axis(sides, near[None], 0)[0]
     corner = oracle.shape_pose(q, shapes[1], end)[0]
     deep = reach(side, corners[0], round_[0]) + reach(side + np.pi, corner[None], round_[1])
     beside = np.abs(np.sin(2.0 * (angle - ta))) < 1e-6
-    moved = beside & (gap < 0.0) & (deep <= 1.5 * move)
+    moved = beside & (gap < 0.0) & (deep <= 1.5 * move) & (past <= 1e-12)
     return np.where(moved, side + (np.pi if pair.end_a else 0.0), angle)

@@ -128,6 +128,9 @@ def robustness_map(
     worlds = checks.whole("worlds", worlds)
     checks.instance("task", task, Task, "a slcp_warp.Task")
     own = checks.names("numbers", numbers, [axis[0] for axis in (x, y) if _named(axis)]) if numbers else ()
+    for name in own:
+        if not name.isidentifier():
+            raise ArgumentError(f"numbers names {name!r}, which is no argument of a function")
     axes = [checked_axis(label, task, given, own) for label, given in (("x", x), ("y", y))]
     _check_apart(task, axes, own)
     cells = _Cells(axes, own, policy)

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from slcp_warp.kernels.ensembles.contacts import TOUCH
-from slcp_warp.kernels.structure import CORNERS, HALFPLANE, SIDED, WALLS
+from slcp_warp.kernels.structure import CORNERS, HALFPLANE, RECTANGLE, SIDED, WALLS
 
 from ...description.kinematics import across, turn
 from ..moving import MovingBodies
+from .leaving import Reach, leaving
 from .mechanism import Mechanism
 from .motion import Motion
 
@@ -52,6 +53,8 @@ def contact_ends(
         normal = facing if wall[0] == a else -facing
     else:
         normal = _normal(mechanism, centre, angle, a, b)
+        if all(structure.shapes[part[0]].kind == RECTANGLE for part in (a, b)):
+            normal = _of_wholes(mechanism, centre, angle, a, b, normal)
     own = 0 if b in wall or (_is_point(mechanism, a) and not _is_point(mechanism, b)) else 1
     parts = (a, b)
     places = [_end(mechanism, centre, angle, part, sign * normal) for part, sign in zip(parts, (1.0, -1.0))]
@@ -102,6 +105,22 @@ def _normal(mechanism: Mechanism, centre: np.ndarray, angle: np.ndarray, a: Part
         middle = np.take_along_axis(angles, best[:, None], 1)
         width *= 3.0 / DIRECTIONS
     return np.concatenate([np.cos(middle), np.sin(middle)], axis=1)
+
+
+def _of_wholes(
+    mechanism: Mechanism, centre: np.ndarray, angle: np.ndarray, a: Part, b: Part, normal: np.ndarray
+) -> np.ndarray:
+    """Normals (T, 2) of two rectangles, of one of which a corner counts: where they overlap (M62)."""
+    block, corner, sign = (a, b, 1.0) if b[1] else (b, a, -1.0)
+
+    def reach(part: Part) -> Reach:
+        return lambda n: np.asarray((_support(mechanism, angle, part, n) * n).sum(-1))
+
+    found = leaving(
+        (angle[:, block[0]], angle[:, corner[0]]), centre[:, corner[0]] - centre[:, block[0]],
+        reach(block), reach((corner[0], 0)), reach(corner), block[0] < corner[0], sign * normal,
+    )  # fmt: skip
+    return sign * found
 
 
 def _support(mechanism: Mechanism, angle: np.ndarray, part: Part, n: np.ndarray) -> np.ndarray:

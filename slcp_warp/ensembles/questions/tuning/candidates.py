@@ -27,7 +27,7 @@ class Candidates:
     ) -> None:
         """Args:
         policy: made from numbers, if the ranges have any of a policy's.
-        choices: as of a `Trial`: seed, dtype, device, strategy.
+        choices: as of a `Trial`: dtype, device, strategy.
         """
         self._task, self._given, self._ranges, self._wanted = task, policy, ranges, wanted
         self._case, self._choices, self.done = case, choices, 0
@@ -44,11 +44,10 @@ class Candidates:
         """The first of the numbers by their names."""
         return {name: float(value) for name, value in zip(self._ranges.names, numbers)}
 
-    def run(self, numbers: np.ndarray, worlds: Worlds) -> Outcome:
-        """How the worlds go with these numbers (n,)."""
-        trial = Trial(
-            self._task, self.policy(numbers), self._case, self._measures, most=len(worlds), **self._choices
-        )
+    def run(self, numbers: np.ndarray, worlds: Worlds, seed: int) -> Outcome:
+        """How the worlds go with these numbers (n,); `seed`: of the noise of single steps."""
+        how: dict[str, Any] = {"most": len(worlds), "seed": seed} | self._choices
+        trial = Trial(self._task, self.policy(numbers), self._case, self._measures, **how)
         found = trial.run(self._with(numbers, worlds))
         self.done, self.starts = self.done + len(worlds), trial.starts
         own = {measure: found.values[:, j] for j, measure in enumerate(self._measures)}

@@ -96,8 +96,11 @@ def _named(label: str, given: Any) -> dict[str, Any]:
 
 def _ends(label: str, given: Any) -> np.ndarray:
     found = checks.array(label, given, (2,))
-    if not found[0] < found[1]:
-        raise ArgumentError(f"{label} is {shown(given)}; (low, high), low < high, is needed")
+    with np.errstate(over="ignore"):
+        if not 0.0 < found[1] - found[0] < np.inf:
+            raise ArgumentError(
+                f"{label} is {shown(given)}; (low, high), low < high, not without end, is needed"
+            )
     return found
 
 

@@ -91,7 +91,7 @@ def tune(
         dtype, device, strategy: as of a `Simulator`.
         progress: called with (worlds done, worlds at most).
 
-    A keyboard interrupt ends the search; what was best by then is judged.
+    A keyboard interrupt after the first candidate ends the search; what was best by then is judged.
 
     Raises:
         ArgumentError, ArgumentTypeError: nothing to choose by, a range that is none, a name that the task has
@@ -108,18 +108,18 @@ def tune(
     )
     test_worlds, seed = checks.whole("test_worlds", test_worlds), checks.whole("seed", seed, 0)
     size = max(FEWEST, 4 + int(3.0 * np.log(len(ranges))))
-    size = size if candidates is None else checks.whole("candidates", candidates, 3, 2**16)
+    size = size if candidates is None else checks.whole("candidates", candidates, 4, 2**16)
     resolution = checks.number("resolution", resolution, 0.0, 1.0)
     case = task.options if case is None else checks.instance("case", case, Options, "a slcp_warp.Options")
     checks.function("progress", progress, 2, optional=True)
     how = {"dtype": dtype, "device": device}
     search = Search(
-        Candidates(task, policy, ranges, wanted, case, how | {"strategy": strategy, "seed": seed}),
-        *(ranges, wanted, draw_worlds(task, worlds, seed_apart(seed, SEARCHED), **how)),
+        Candidates(task, policy, ranges, wanted, case, how | {"strategy": strategy}),
+        *(ranges, wanted, draw_worlds(task, worlds, seed_apart(seed, SEARCHED), **how), seed),
         *(progress, worlds * (1 + size * rounds) + 2 * test_worlds),
     )
     ended = search.run(first, _strategy(ranges, first, size, seed), rounds, resolution)
-    return _judged(search, draw_worlds(task, test_worlds, seed_apart(seed, NEW), **how), seed, ended)
+    return _judged(search, draw_worlds(task, test_worlds, seed_apart(seed, NEW), **how), ended)
 
 
 def _strategy(ranges: Ranges, first: np.ndarray, size: int, seed: int) -> Any:
@@ -143,16 +143,17 @@ class Search:
         ranges: Ranges,
         wanted: Wanted,
         worlds: Worlds,
+        seed: int,
         progress: Callable[[int, int], None] | None,
         total: int,
     ) -> None:
         self.candidates, self.ranges, self.wanted = candidates, ranges, wanted
-        self.worlds, self.tried = worlds, list[Try]()
+        self.worlds, self.seed, self.tried = worlds, seed, list[Try]()
         self._progress, self._total = progress, total
 
     def run(self, first: np.ndarray, strategy: Any, rounds: int, resolution: float) -> str:
         """Try the first place (n,) and those that the strategy draws; why it ended."""
-        self._try(0, first)
+        self._try(0, first)  # an interrupt before there is anything to judge goes through
         try:
             for number in range(1, rounds + 1):
                 places = [strategy.ask() for _ in range(strategy.population_size)]
@@ -169,25 +170,25 @@ class Search:
         """The first of those that cost least."""
         return min(self.tried, key=lambda each: each.cost)
 
-    def outcome(self, numbers: np.ndarray, worlds: Worlds) -> Outcome:
-        """How worlds go with numbers (n,)."""
-        found = self.candidates.run(numbers, worlds)
+    def outcome(self, numbers: np.ndarray, worlds: Worlds, use: int) -> Outcome:
+        """How worlds go with numbers (n,); `use` of the seed: SEARCHED or NEW."""
+        found = self.candidates.run(numbers, worlds, seed_apart(self.seed, use))
         if self._progress is not None:
             self._progress(self.candidates.done, self._total)
         return found
 
     def _try(self, number: int, place: np.ndarray) -> Try:
         numbers = self.ranges.numbers(place)
-        found = self.outcome(numbers, self.worlds)
+        found = self.outcome(numbers, self.worlds, SEARCHED)
         value = self.wanted.value(found)[0]
         self.tried.append(Try(number, numbers, place, found.share, value, self.wanted.cost(found)))
         return self.tried[-1]
 
 
-def _judged(search: Search, worlds: Worlds, seed: int, ended: str) -> Tuned:
+def _judged(search: Search, worlds: Worlds, ended: str) -> Tuned:
     """What was found, in worlds that the search has not seen."""
     best, first, count = search.best, search.tried[0], len(worlds)
-    found = [search.outcome(each.numbers, worlds) for each in (first, best)]
+    found = [search.outcome(each.numbers, worlds, NEW) for each in (first, best)]
     search.candidates.starts.tell(stacklevel=3)
     names, wanted = search.ranges.names, search.wanted
     both = [
@@ -208,5 +209,5 @@ def _judged(search: Search, worlds: Worlds, seed: int, ended: str) -> Tuned:
         tried[f"mean_{wanted.name}"] = np.array([each.value for each in search.tried])
     return Tuned(
         both[1].numbers, search.candidates.policy(best.numbers), both[1], both[0], better, wanted.words(),
-        wanted.name, tried, len(search.worlds), count, seed, ended, search.ranges.ends(best.place),
+        wanted.name, tried, len(search.worlds), count, search.seed, ended, search.ranges.ends(best.place),
     )  # fmt: skip
