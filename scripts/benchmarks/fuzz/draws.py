@@ -117,11 +117,7 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
         out["spring_stiffness"] = stiffened(rng, scene, out["spring_stiffness"], tied, h)
     if s.tendons:
         out |= _tendons(rng, scene, mass, h, most)
-    if s.runs:
-        ratio = rng.choice([-1.0, 1.0], (n, len(s.shapes))) * rng.uniform(0.1, 2.0, (n, len(s.shapes)))
-        out["surface_ratio"] = np.where([shape.driver >= 0 for shape in s.shapes], ratio, 0.0)
-    if s.bounces:
-        out["restitution"] = _shares(rng, n, len(s.pairs))
+    out |= _of_surfaces(rng, scene, n)
     _lay_guides(rng, scene, out, cosine)
     _alike(scene, out)
     return {name: single(value) for name, value in out.items()}
@@ -139,6 +135,18 @@ def _tendons(rng: Rng, scene: Scene, mass: Array, h: Array, most: float) -> dict
         "tendon_length": rng.uniform(-0.5, 0.5, (n, k)),
         "tendon_coefficient": rng.choice([-1.0, 1.0], (n, m)) * decades(rng, -1.5, 0.5, n, m),
     }
+
+
+def _of_surfaces(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
+    """How far surfaces run, zero of those that do not, and restitution, where a scene has such."""
+    s, out = scene.structure, dict[str, Array]()
+    if s.runs:
+        size = worlds, len(s.shapes)
+        ratio = rng.choice([-1.0, 1.0], size) * rng.uniform(0.1, 2.0, size)
+        out["surface_ratio"] = np.where([shape.driver >= 0 for shape in s.shapes], ratio, 0.0)
+    if s.bounces:
+        out["restitution"] = _shares(rng, worlds, len(s.pairs))
+    return out
 
 
 def _shares(rng: Rng, *shape: int) -> Array:
