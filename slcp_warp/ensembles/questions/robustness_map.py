@@ -127,7 +127,9 @@ def robustness_map(
     """
     worlds = checks.whole("worlds", worlds)
     checks.instance("task", task, Task, "a slcp_warp.Task")
-    own = checks.names("numbers", numbers, [axis[0] for axis in (x, y) if _named(axis)]) if numbers else ()
+    given = [axis[0] for axis in (x, y) if _named(axis)]
+    none = isinstance(numbers, str | list | tuple) and not numbers
+    own = () if none else checks.names("numbers", numbers, given)
     for name in own:
         if not name.isidentifier():
             raise ArgumentError(f"numbers names {name!r}, which is no argument of a function")

@@ -53,6 +53,8 @@ class Wanted:
     def __init__(
         self, task: Task, numbers: Collection[str], minimise: str | None, maximise: str | None, success: Any
     ) -> None:
+        for label, given in (("minimise", minimise), ("maximise", maximise)):
+            checks.instance(label, given, str | None, "a name, or None,")
         if minimise is not None and maximise is not None:
             raise ArgumentError("minimise and maximise are both given; one is needed")
         label, self.name = ("minimise", minimise) if maximise is None else ("maximise", maximise)
