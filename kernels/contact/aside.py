@@ -1,4 +1,4 @@
-"""Where two rectangles overlap: the side of A by which a corner of B leaves, as the whole of B does.
+"""Where two rectangles overlap (M62): the side of A by which a corner of B leaves, as the whole of B does.
 
 By its own distance a corner leaves by the nearest side. Of two boxes of one height side by side, pushed into
 each other by more than their corners are rounded, those at the top would leave upwards and those at the

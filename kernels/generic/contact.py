@@ -379,7 +379,6 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         velocity=velocity,
         geometry=geometry,
         moved_by=moved_by,
-        running=running,
         normal_rate=bounces.normal_rate,
         row_gap=row_gap,
         forget_bounces=bounces.forget,

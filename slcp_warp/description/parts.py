@@ -104,7 +104,7 @@ class Shape:
             conveyor, a track or a treadmill; in generic kernels. The shape is one of the world, or of a body
             of the same tree that it does not move with. None: the surface stands still on its body.
         surface_ratio: how far the surface runs by a unit of that coordinate, to the left as one looks along
-            the outward normal [m/m, m/rad]; -1 carries what lies on level ground to the right.
+            the outward normal (M61) [m/m, m/rad]; -1 carries what lies on level ground to the right.
     """
 
     name: str
@@ -339,9 +339,8 @@ def box(
     corners = [(sx * x, sy * y) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     places = [(offset_x + c * u - s * w, offset_y + s * u + c * w) for u, w in corners]
     flag("sides", sides)
-    only: dict[str, Any] = (
-        {"contype": 1, "conaffinity": 0} if sides else {}
-    )  # touch what is touched, and never each other
+    # touch what is touched, and never each other
+    only: dict[str, Any] = {"contype": 1, "conaffinity": 0} if sides else {}
     round_off = [Shape(f"{name}{i}", body, "disc", corner_radius, at, **only) for i, at in enumerate(places)]
     if not sides:
         return tuple(round_off)

@@ -30,9 +30,7 @@ class Sum:
     vm: V2
     turn_a: wp.vec3d  # under y_n, y_t, and the slope
     turn_b: wp.vec3d
-    run_a: (
-        V2  # rates of A's and B's surface by a unit of `surface_ratio`, under y_t and its slope by friction
-    )
+    run_a: V2  # rates with which A's surface runs, under y_t and its slope by friction; and B's
     run_b: V2
     by_a: V2  # slopes by the levers of the centres
     by_b: V2
