@@ -7,7 +7,7 @@ import warp as wp
 
 from ..factories import cached
 from ..generic.contact import make_contact
-from ..generic.mechanism import COLUMN, make_mechanism
+from ..generic.motion.mechanism import COLUMN, make_mechanism
 from ..generic.topology import CONTACT, Topology
 from ..generic.work import ROWS, V2, V4, WORK, Slot
 from ..specialisation import Specialisation

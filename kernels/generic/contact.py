@@ -13,7 +13,7 @@ from ..residual.smoothing import make_smoothing
 from ..structure import WORLD
 from .broad.phase import make_broad
 from .linear.matrix import make_matrix
-from .mechanism import COLUMN, make_mechanism
+from .motion.mechanism import COLUMN, make_mechanism
 from .rows.bounces import make_bounces
 from .rows.overlaps import make_overlaps
 from .shapes import make_shapes

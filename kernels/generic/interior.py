@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from .mechanism import COLUMN
+from .motion.mechanism import COLUMN
 from .newton import law_of, make_newton
 from .rows.passes import make_passes
 from .topology import CONTACT, Topology

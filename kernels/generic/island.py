@@ -12,7 +12,7 @@ from .friction.jam import make_jam
 from .friction.normal import make_normal
 from .friction.passes import make_passes
 from .judge.beside import make_beside
-from .mechanism import COLUMN, make_mechanism
+from .motion.mechanism import COLUMN, make_mechanism
 from .search import ALL_ATTEMPTS, QUICK_ATTEMPTS, make_solver
 from .topology import Topology
 from .work import WORK, Island, Slot

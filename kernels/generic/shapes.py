@@ -10,7 +10,7 @@ from ..contact.shapes import make_told, make_upright
 from ..contact.sided import make_core, make_sided
 from ..factories import cached
 from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, RECTANGLE, RING, WORLD
-from .mechanism import COLUMN, make_mechanism
+from .motion.mechanism import COLUMN, make_mechanism
 from .topology import BLOCK, HOLLOW, LONG, PLANE, Topology
 from .work import V2, V3, V4, WORK, Slot
 

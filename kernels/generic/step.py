@@ -17,13 +17,12 @@ from .contact import AFRESH, AGAIN, ALL, JOINING, make_contact
 from .friction.direct import MOST_LOOKS
 from .island import make_island
 from .judge.beside import MOST_BESIDE, MOST_RUBBING, make_beside
-from .linear.doubted import make_doubted
-from .linear.envelope import make_envelope
-from .mechanism import COLUMN, make_mechanism
+from .motion.free_motion import make_free_motion
+from .motion.mechanism import COLUMN, make_mechanism
 from .newton import make_newton
 from .order import make_order
 from .topology import CONTACT, Topology
-from .work import BESIDE, ISLANDS, LED, LOOKS, ROWS, V2, V3, WORK, Slot, Work, island, view
+from .work import BESIDE, ISLANDS, LED, LOOKS, ROWS, V2, WORK, Slot, Work, island, view
 
 
 def residual_of(method: Method, rows: int) -> str:
@@ -36,7 +35,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
     dtype = WORK
     mech = make_mechanism(given)
-    env, doubted = make_envelope(), make_doubted()
+    free_motion = make_free_motion(given)
     contact = make_contact(given, residual) if residual != "none" else None
     beside = make_beside(given)
     settle = make_island(given, residual) if residual != "none" else None
@@ -44,7 +43,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     rearrange = make_order().rearrange
     H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
     LOWER, UPPER = COLUMN["lower"], COLUMN["upper"]
-    UNUSED, ONE = dtype(COLD), dtype(1.0)
+    UNUSED = dtype(COLD)
     number = mech.number
 
     @wp.func
@@ -88,26 +87,6 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         mech.dynamics(t, k, external, world)
         mech.springs(t, k)
         mech.tendons(t, k)
-
-    @wp.func(inline=False)
-    def free_motion(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """v_free = v + h M^-1 (r + u), no number where what springs and tendons tie has no digits left."""
-        for i in range(k.mass.shape[0]):
-            k.mass_factor[i] = k.mass[i]
-        env.factor(k.mass_factor, t.mass_first, t.mass_at, 0, t.blocks)
-        if t.springs + t.tendons > 0 and t.implicit_damping + t.implicit_stiffness > 0:
-            if doubted.solve(t, k) == 1:
-                k.move[0] = wp.sqrt(-ONE) * V3(ONE, ONE, ONE)
-        else:
-            env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, 0, t.blocks)
-        h = number(t, k, H, 0)
-        for i in range(t.blocks):
-            k.before[i] = V3()
-        for j in range(t.nv):
-            k.before[t.dof_block[j]][t.dof_part[j]] = k.v0[j]
-        for i in range(t.blocks):
-            k.vfree[i] = k.before[i] + h * k.move[i]
-            k.v[i] = k.vfree[i]
 
     @wp.func
     def excluded(t: wp.ref[Topology], k: wp.ref[Slot]):

@@ -19,7 +19,7 @@ import warp as wp
 from ...factories import cached
 from ...residual.smoothing import make_smoothing
 from ...structure import WORLD
-from ..mechanism import COLUMN
+from ..motion.mechanism import COLUMN
 from ..topology import CONTACT, Topology
 from ..work import AXIS_OF_ITEMS, LISTED, V2, V4, WORK, Slot
 from .items import AROUND, DIAGONAL, SUM

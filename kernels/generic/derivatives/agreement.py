@@ -13,7 +13,7 @@ import warp as wp
 
 from ...factories import cached
 from ..linear.lu import make_lu
-from ..mechanism import COLUMN, make_mechanism
+from ..motion.mechanism import COLUMN, make_mechanism
 from ..newton import make_newton
 from ..topology import CONTACT, Topology
 from ..work import V3, WORK, Island, Slot

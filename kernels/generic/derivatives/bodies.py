@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..mechanism import COLUMN, make_mechanism
+from ..motion.mechanism import COLUMN, make_mechanism
 from ..topology import TURN, Topology
 from ..work import WORK, Slot
 from .tables import OfBody, Pair, Slopes

@@ -6,7 +6,7 @@ import warp as wp
 
 from ...factories import cached
 from ...mechanism.stiff_springs import SHARE
-from ..mechanism import COLUMN, make_mechanism
+from ..motion.mechanism import COLUMN, make_mechanism
 from ..topology import CONTACT, Topology, place
 from ..work import LANES, WORK, Lanes, Slot
 from .bodies import make_bodies

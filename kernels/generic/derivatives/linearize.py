@@ -7,7 +7,7 @@ import warp as wp
 from ...device.compile import packed
 from ...factories import cached
 from ...status import NOT_CONVERGED, SOLVED
-from ..mechanism import COLUMN, make_mechanism
+from ..motion.mechanism import COLUMN, make_mechanism
 from ..topology import Topology, place
 from ..work import LANES, WORK, Slot, Work, view
 from .expansion import make_expansion

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..mechanism import make_mechanism
+from ..motion.mechanism import make_mechanism
 from ..topology import MOVES_A, MOVES_B, TURN, Topology
 from ..work import WORK, Slot
 from .tables import OfContact, Slopes

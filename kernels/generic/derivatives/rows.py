@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..mechanism import COLUMN, make_mechanism
+from ..motion.mechanism import COLUMN, make_mechanism
 from ..topology import CONTACT, Topology
 from ..work import WORK, Slot
 from .bodies import make_bodies

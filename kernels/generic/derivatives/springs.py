@@ -8,7 +8,7 @@ import warp as wp
 
 from ...factories import cached
 from ...mechanism.stiff_springs import SHARE
-from ..mechanism import COLUMN, make_mechanism
+from ..motion.mechanism import COLUMN, make_mechanism
 from ..topology import MOVES_A, MOVES_B, TURN, Topology
 from ..work import WORK, Lanes, Slot
 from .tables import Groups, OfSpring, Pair, Slopes

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..mechanism import COLUMN
+from ..motion.mechanism import COLUMN
 from ..newton import make_newton
 from ..topology import CONTACT, Topology
 from ..work import WORK, Island, Slot

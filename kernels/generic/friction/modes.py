@@ -19,7 +19,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..mechanism import COLUMN
+from ..motion.mechanism import COLUMN
 from ..newton import TOLERANCE, make_newton
 from ..topology import CONTACT, Topology
 from ..work import V3, WORK, Island, Slot

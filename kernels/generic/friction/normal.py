@@ -6,7 +6,7 @@ law no contact closes, and under Coulomb's none that presses opens.
 import warp as wp
 
 from ...factories import cached
-from ..mechanism import COLUMN
+from ..motion.mechanism import COLUMN
 from ..topology import CONTACT, Topology
 from ..work import WORK, Island, Slot
 

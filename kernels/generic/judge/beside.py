@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..mechanism import COLUMN
+from ..motion.mechanism import COLUMN
 from ..topology import CONTACT, Topology
 from ..work import ASIDE, BESIDE, WORK, Island, Slot
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..mechanism import COLUMN, make_mechanism
+from ..motion.mechanism import COLUMN, make_mechanism
 from ..topology import CONTACT, Topology
 from ..work import NEAR, V3, WORK, Island, Slot
 

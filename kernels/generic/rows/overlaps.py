@@ -11,7 +11,7 @@ import warp as wp
 
 from ...contact.problem import COLD
 from ...factories import cached
-from ..mechanism import COLUMN, make_mechanism
+from ..motion.mechanism import COLUMN, make_mechanism
 from ..topology import Topology
 from ..work import SETTLED, WORK, Island, Slot
 

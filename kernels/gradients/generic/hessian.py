@@ -18,7 +18,7 @@ from ...generic.derivatives.rows import make_row_slopes
 from ...generic.derivatives.system import make_system
 from ...generic.derivatives.tables import Groups, Slopes
 from ...generic.linear.envelope import make_envelope
-from ...generic.mechanism import COLUMN, make_mechanism
+from ...generic.motion.mechanism import COLUMN, make_mechanism
 from ...generic.step import make_step
 from ...generic.topology import CONTACT, TURN, Topology, place
 from ...generic.work import LANES, ROWS, SETTLED, WORK, Slot

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ...generic.mechanism import COLUMN, make_mechanism
+from ...generic.motion.mechanism import COLUMN, make_mechanism
 from ...generic.topology import Topology
 from ...generic.work import Slot
 from .room import DUAL, NEW, OLD, View

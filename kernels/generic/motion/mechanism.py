@@ -7,11 +7,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from ..mechanism.stiff_springs import SHARE
-from ..structure import WORLD
-from .topology import AXIS, JOINT, NUMBERS, SHIFT_Y, TURN, Topology, place
-from .work import M33, V2, V3, V4, WORK, Slot
+from ...factories import cached
+from ...mechanism.stiff_springs import SHARE
+from ...structure import WORLD
+from ..topology import AXIS, JOINT, NUMBERS, SHIFT_Y, TURN, Topology, place
+from ..work import M33, V2, V3, V4, WORK, Slot
 
 COLUMN = {name: i for i, name in enumerate(NUMBERS)}
 
