@@ -14,7 +14,7 @@ from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.generic.derivatives import linearize, tables
 from slcp_warp.kernels.generic.topology import make_topology
 from slcp_warp.kernels.generic.work import allocate_work, bytes_per_world
-from slcp_warp.kernels.gradients.generic import hessian, room
+from slcp_warp.kernels.gradients.generic import curves, room
 from slcp_warp.kernels.gradients.generic.adjoint import make_generic_adjoint_kernel
 from slcp_warp.kernels.gradients.generic.curvature import make_curvature_kernel
 from slcp_warp.kernels.policies.tracking import make_tracking
@@ -88,8 +88,8 @@ class GenericKernels:
         self.chunk = self.workspaces.most  # worlds of a launch
         size = tables.bytes_per_world(s)
         self.slopes = Workspaces(lambda n: tables.allocate_slopes(s, n, device), size, device)
-        size = hessian.bytes_per_world(s)
-        self.curves = Workspaces(lambda n: hessian.allocate_curves(s, n, device), size, device)
+        size = curves.bytes_per_world(s)
+        self.curves = Workspaces(lambda n: curves.allocate_curves(s, n, device), size, device)
         self.rooms = Workspaces(lambda n: room.allocate_room(s, n, device), room.bytes_per_world(s), device)
 
     def launch(self, kernel: wp.Kernel, worlds: int, flags: list[Any], arrays: list[Any], grain: int) -> None:

@@ -10,7 +10,8 @@ from ...generic.derivatives.tables import Groups
 from ...generic.topology import Topology
 from ...generic.work import LANES, WORK, Slot, Work, view
 from ...status import NOT_CONVERGED, SOLVED
-from .hessian import Curves, make_hessian
+from .curves import Curves
+from .hessian import make_hessian
 from .room import OLD, Room, View, view_of
 
 

@@ -6,9 +6,7 @@ in v', u and impulses, quadratic in v: of L'' the part by q takes differences (o
 fixed y, without another solution), the part by v exact ones, and by z it is diagonal, s''(z) row by row.
 """
 
-import math
 from types import SimpleNamespace
-from typing import Any
 
 import warp as wp
 
@@ -23,7 +21,8 @@ from ...generic.step import make_step
 from ...generic.topology import CONTACT, TURN, Topology, place
 from ...generic.work import LANES, ROWS, SETTLED, WORK, Slot
 from ...residual.smoothing import make_smoothing
-from ...structure import WORLD, Structure
+from ...structure import WORLD
+from .curves import Curves
 from .room import OLD, Room, View
 from .spans import make_spans
 from .step import make_step_adjoint
@@ -31,50 +30,6 @@ from .step import make_step_adjoint
 STEP = 2.0**-21  # of a radian or of a length of the scene, times the root of how many of these q is
 PART = 1e-3  # of a spring's length now, rounded at zero: no step is longer
 LEAST = 1e-30  # of D, as of a step's
-ROWS_BY_DOF, ROWS_MORE = 32, 64  # as many rows as a slot has room for, where a scene has more
-
-
-@wp.struct
-class Curves:
-    """Workspaces, (slots, items), n_s = 2 nv + nu."""
-
-    move: wp.array3d(dtype=WORK)  # (nv, n_s) dv'/ds
-    root: wp.array3d(dtype=WORK)  # (rows, n_s) dz/ds by the list of acting rows; of hard ones D dlambda/ds
-    strength: wp.array2d(dtype=WORK)  # (rows) s(z) = D lambda, by the same list
-    edge: wp.array2d(dtype=wp.int32)  # (rows) 1: of a pair at the end of a side, where slopes have a kink
-    by_state: wp.array2d(dtype=WORK)  # (2 nv) differences of slopes of L
-    by_move: wp.array2d(dtype=WORK)  # (nv)
-    by_root: wp.array2d(dtype=WORK)  # (rows)
-    cross: wp.array2d(dtype=WORK)  # (n_s)
-    found: wp.array3d(dtype=WORK)  # (n_s, n_s)
-
-
-def lengths(s: Structure) -> dict[str, tuple[int, ...]]:
-    """Items of every array of a structure."""
-    width = 2 * s.nv + s.nu
-    most = min(s.nr, ROWS_BY_DOF * s.nv + ROWS_MORE)
-    rows = {"root": (most, width), "strength": (most,), "edge": (most,), "by_root": (most,)}
-    return rows | {
-        "move": (s.nv, width),
-        "by_state": (2 * s.nv,),
-        "by_move": (s.nv,),
-        "found": (width, width),
-        "cross": (width,),
-    }
-
-
-def allocate_curves(s: Structure, slots: int, device: Any) -> Curves:
-    """Workspaces of `slots` worlds."""
-    out = Curves()
-    for name, shape in lengths(s).items():
-        kind = wp.int32 if name == "edge" else WORK
-        setattr(out, name, wp.zeros((slots, *shape), dtype=kind, device=device))
-    return out
-
-
-def bytes_per_world(s: Structure) -> int:
-    """Memory of one slot."""
-    return 8 * sum(math.prod(shape) for shape in lengths(s).values())
 
 
 @cached
