@@ -66,6 +66,11 @@ class Method:
         return self.integrator == "trapezoidal"
 
     @property
+    def leapfrog(self) -> bool:
+        """Whether forces of turning are the mean of those at the velocities before and after a step."""
+        return self.integrator == "leapfrog"
+
+    @property
     def end_gap(self) -> bool:
         """Whether rows hold the gap at the end of the step; else its linearisation at the start."""
         return self.gap == "end"

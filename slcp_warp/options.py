@@ -14,7 +14,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "residual": ("rem-logistic", "rem-normal", "erm-logistic", "erm-normal", "hard"),
     "scaling": ("inertia", "none"),
     "friction": ("anitescu", "coulomb"),
-    "integrator": ("euler", "trapezoidal"),
+    "integrator": ("euler", "trapezoidal", "leapfrog"),
     "noise": ("row", "state"),
     "deviation": (None, "scale", "standard-deviation"),
     "gap": ("start", "end"),

@@ -58,6 +58,7 @@ class Topology:
     bounces: int  # 1: pairs have a restitution
     overlaps: int  # 1: they leave by no more than a speed, and may stay
     depenetration_speed: wp.float64  # this speed [m/s, rad/s]
+    leapfrog: int  # 1: its free motion, (M63)
     inertia_scaling: int
     coulomb: int
     implicit_damping: int
@@ -194,7 +195,12 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
 
 
 def make_topology(
-    s: Structure, inertia_scaling: bool, coulomb: bool, speed: float | None, device: object
+    s: Structure,
+    inertia_scaling: bool,
+    coulomb: bool,
+    speed: float | None,
+    device: object,
+    leapfrog: bool = False,
 ) -> Topology:
     """The tables on a device; `speed`: of `Method.depenetration_speed`."""
     lists, sizes = tables(s)
@@ -207,7 +213,7 @@ def make_topology(
     out.sprung, out.springs, out.tendons = len(s.sprung), len(s.springs), len(s.tendons)
     out.rotors = len(s.armature)
     out.bounces = int(s.bounces)
-    out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
+    out.inertia_scaling, out.coulomb, out.leapfrog = int(inertia_scaling), int(coulomb), int(leapfrog)
     out.overlaps, out.depenetration_speed = int(speed is not None), speed or 0.0
     out.implicit_damping, out.implicit_stiffness = int(s.implicit_damping), int(s.implicit_stiffness)
     for name, values in lists.items():

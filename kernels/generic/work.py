@@ -39,7 +39,7 @@ class Slot:
     column: wp.array(dtype=V2)  # (nv) Jacobian of one centre of mass
     shape: wp.array(dtype=V4)  # (2 shapes) centre and axis in the world; in their bodies
     before: wp.array(dtype=V3)  # (blocks), this and what follows by block: v before the step
-    vfree: wp.array(dtype=V3)
+    vfree: wp.array(dtype=V3)  # (2 blocks) second half: where the leapfrog predicts the velocity
     v: wp.array(dtype=V3)  # v'
     best_v: wp.array(dtype=V3)
     inner_v: wp.array(dtype=V3)  # v' of an interior point that was left
@@ -271,7 +271,7 @@ def lengths(s: Structure) -> dict[str, int]:
     blocks = ("before", "vfree", "v", "best_v", "inner_v", "balance", "move", "most", "momentum", "lost",
               "unseen", "place", "block", "first", "at")  # fmt: skip
     out |= matrices | dict.fromkeys(blocks, sizes.blocks) | dict.fromkeys(BY_ROW, s.nr)
-    out |= dict.fromkeys(("entry", "group"), s.nr + 1)
+    out |= dict.fromkeys(("entry", "group"), s.nr + 1) | {"vfree": 2 * sizes.blocks}
     out |= dict.fromkeys(("normal", "known", "near", "beside"), pairs) | {"link": 2 * pairs}
     out["bounce"] = pairs if s.bounces else 0
     out |= dict.fromkeys(("stays", "apart", "fixed"), s.nr)

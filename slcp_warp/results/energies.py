@@ -31,7 +31,7 @@ class Energies:
         return self.kinetic + self.potential + self.elastic
 
 
-def energies(states: Any, params: Parameters) -> Energies:
+def energies(states: Any, params: Parameters, *, staggered: bool = False) -> Energies:
     """The mechanical energy of states, in plain NumPy.
 
     What contacts and dampers take, and what motors and disturbances do, is what changes `total`; so does the
@@ -41,11 +41,14 @@ def energies(states: Any, params: Parameters) -> Energies:
         states: (..., 2 nv) of the scene that the parameters are of; where these are of worlds, of as many
             worlds in the first axis.
         params: as of `Simulator.params` or `Trajectory.params`.
+        staggered: the velocities are those half a step before the places, as a leapfrog's are (M63): the
+            energy is that of then, at q - h v/2.
 
     Raises:
         ArgumentError: states of another shape, or not as many worlds.
+        ArgumentTypeError: staggered is no truth value.
     """
-    return _energies(moving_bodies(states, params))
+    return _energies(moving_bodies(states, params, staggered))
 
 
 def _energies(bodies: MovingBodies) -> Energies:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..description.kinematics import across, joint_pose, slides, turn
 from ..inputs.arrays import kind_of, to_numpy
-from ..inputs.checks import array, instance
+from ..inputs.checks import array, flag, instance
 from ..inputs.errors import ArgumentError
 from ..parameters import Parameters
 
@@ -46,12 +46,13 @@ class MovingBodies:
         return self.speed[body] + self.rate[body][..., None] * across(place - self.place[body])
 
 
-def moving_bodies(states: Any, params: Parameters) -> MovingBodies:
+def moving_bodies(states: Any, params: Parameters, staggered: bool = False) -> MovingBodies:
     """The bodies of the scene that parameters are of, in its states (..., 2 nv); where parameters are of
-    worlds, of as many in the first axis.
+    worlds, of as many in the first axis; `staggered`: where they were half a step before.
 
     Raises:
         ArgumentError: states of another shape, or not as many worlds.
+        ArgumentTypeError: staggered is no truth value.
     """
     scene = instance("params", params, Parameters, "slcp_warp.Parameters").scene
     x = array("states", states if kind_of(states) == "numpy" else to_numpy(states), finite=False)
@@ -62,7 +63,10 @@ def moving_bodies(states: Any, params: Parameters) -> MovingBodies:
         if x.ndim < 2 or x.shape[0] != params.worlds:
             raise ArgumentError(f"states has shape {x.shape}; params are of {params.worlds} worlds")
         numbers = {name: _beside(params, name, value, x.ndim) for name, value in numbers.items()}
-    return MovingBodies(scene.structure, numbers, x[..., : scene.nv], x[..., scene.nv :])
+    q, v = x[..., : scene.nv], x[..., scene.nv :]
+    if flag("staggered", staggered):
+        q = q - 0.5 * numbers["step_size"][..., None] * v
+    return MovingBodies(scene.structure, numbers, q, v)
 
 
 def _beside(params: Parameters, name: str, value: np.ndarray, axes: int) -> np.ndarray:

@@ -201,12 +201,16 @@ class Trajectory(Printed):
         return out if self.batched else out[0]
 
     @property
+    def _staggered(self) -> bool:
+        return self.options.method.leapfrog
+
+    @property
     def energies(self) -> Energies:
         """Kinetic, potential and elastic energy of every state, (B, N+1) [J]: see `slcp_warp.energies`.
 
-        Without the axis of worlds where the states have none.
+        Without the axis of worlds where the states have none; of a leapfrog, half a step before each.
         """
-        found = energies(self.recorded("states"), self.params)
+        found = energies(self.recorded("states"), self.params, staggered=self._staggered)
         if self.batched:
             return found
         return Energies(found.kinetic[0], found.potential[0], found.elastic[0])
@@ -215,9 +219,9 @@ class Trajectory(Printed):
     def momentum(self) -> Momentum:
         """Momentum and centre of mass of every state, of all bodies, (B, N+1): see `slcp_warp.momentum`.
 
-        Without the axis of worlds where the states have none.
+        Without the axis of worlds where the states have none; of a leapfrog, momenta half a step before each.
         """
-        found = momentum(self.recorded("states"), self.params)
+        found = momentum(self.recorded("states"), self.params, staggered=self._staggered)
         if self.batched:
             return found
         return Momentum(found.mass[0], found.place[0], found.linear[0], found.angular[0])

@@ -82,12 +82,13 @@ class GenericKernels:
         self.spec, self.structure, self.dtype, self.device = spec, s, dtype, device
         self.residual = generic_step.residual_of(method, s.nr)
         coulomb, speed = method.coulomb, method.depenetration_speed
-        self.topology = make_topology(s, method.inertia_scaling, coulomb, speed, device)
+        self.topology = make_topology(s, method.inertia_scaling, coulomb, speed, device, method.leapfrog)
         self.groups = tables.make_groups(s, device)
         self.workspaces = Workspaces(lambda n: allocate_work(s, n, device), bytes_per_world(s), device)
         self.chunk = self.workspaces.most  # worlds of a launch
-        size = tables.bytes_per_world(s)
-        self.slopes = Workspaces(lambda n: tables.allocate_slopes(s, n, device), size, device)
+        leaps = method.leapfrog
+        size = tables.bytes_per_world(s, leaps)
+        self.slopes = Workspaces(lambda n: tables.allocate_slopes(s, leaps, n, device), size, device)
         size = curves.bytes_per_world(s)
         self.curves = Workspaces(lambda n: curves.allocate_curves(s, n, device), size, device)
         self.rooms = Workspaces(lambda n: room.allocate_room(s, n, device), room.bytes_per_world(s), device)

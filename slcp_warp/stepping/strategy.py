@@ -73,7 +73,7 @@ def missing(s: Structure, method: Method) -> str:
         return f"residual {method.residual!r}"
     if method.friction != "anitescu" and not (method.coulomb and method.hard):
         return f"friction {method.friction!r}"
-    if method.integrator != "euler":
+    if method.trapezoidal:
         return f"integrator {method.integrator!r}"
     if method.state_noise:
         return f"noise {method.noise!r}"
@@ -91,6 +91,8 @@ def of_generic_kernels(s: Structure, method: Method) -> str:
     """What keeps a scene from specialised kernels, or ""."""
     if method.depenetration_speed is not None:
         return f"depenetration_speed {method.depenetration_speed!r}"
+    if method.leapfrog:
+        return f"integrator {method.integrator!r}"
     if s.runs:
         return "driven_by of shapes"
     return "restitution" if s.bounces else ""

@@ -17,6 +17,8 @@ LAWS = {
     "unscaled": {"scaling": "none"},
     "hard": {"residual": "hard"},
     "coulomb": {"residual": "hard", "friction": "coulomb"},
+    "leapfrog": {"integrator": "leapfrog"},
+    "leapfrog, coulomb": {"residual": "hard", "friction": "coulomb", "integrator": "leapfrog"},
 }
 
 

@@ -45,6 +45,16 @@ def test_every_column_against_differences(make):
     check(errors(sim, x, u, inside(sim.params), force, smooth))
 
 
+@pytest.mark.parametrize("make", [crane, hub, lever, functools.partial(tree_with_contacts, 4)])
+def test_every_column_of_the_leapfrog(make):
+    """Its forces of turning hang on all that its prediction does."""
+    sc = make()
+    sim = generic(sc, integrator="leapfrog")
+    x, u, force = states(sc, 10)
+    x[:, sc.nv :] *= 3.0
+    check(errors(sim, x, u, inside(sim.params), force, smooth))
+
+
 @slow
 @pytest.mark.parametrize("residual", ["rem-logistic", "rem-normal", "hard"])
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 5, 6])  # of 3 differences lose too many digits

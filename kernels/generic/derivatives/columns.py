@@ -11,6 +11,7 @@ from ..topology import CONTACT, Topology, place
 from ..work import LANES, WORK, Lanes, Slot
 from .bodies import make_bodies
 from .gaps import limit_slope
+from .leap import WHOLE, make_leap
 from .pairs import make_pair_slopes
 from .rows import make_row_slopes
 from .springs import make_spring_slopes
@@ -20,13 +21,13 @@ from .tables import Groups, Slopes
 
 @cached
 def make_columns(given: type, residual: str) -> SimpleNamespace:
-    """fill(t, k, g, d, b, n, pairs, first): d.known and d.given for the columns first .. first +
-    7 of (q, v, u).
+    """fill(t, k, g, d, b, n, pairs, first, stage): d.known and d.given for LANES columns of (q, v, u), from
+    `first` on; the stage as in `leap.py`.
     """
     dtype = WORK
     number = make_mechanism(given).number
     TENSION, SLOWING, SHARE_OF = (COLUMN[f"tendon_{n}"] for n in ("stiffness", "damping", "coefficient"))
-    bodies, springs = make_bodies(given), make_spring_slopes(given)
+    bodies, springs, leap = make_bodies(given), make_spring_slopes(given), make_leap(given)
     contacts = residual != "none"
     pairs = make_pair_slopes(given, residual) if contacts else None
     rows = make_row_slopes(given, residual) if contacts else None
@@ -41,10 +42,14 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
         x[p][lane] = x[p][lane] + value
 
     @wp.func
-    def of_bodies(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int):
-        """What bodies make of the columns by q, or by v, of the degrees of freedom from `first` on."""
+    def of_bodies(
+        t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int, share: dtype
+    ):
+        """What bodies make of the columns by q, or by v, of the degrees of freedom from `first` on; `share`:
+        of the forces of turning, those at v.
+        """
         x = d.known[b]
-        h = number(t, k, H, 0)
+        h = share * number(t, k, H, 0)
         for i in range(t.nb):
             start = t.chain_start[i]
             end = t.chain_start[i + 1]
@@ -269,14 +274,15 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def fill(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, n: int,
-        count: int, first: int,
+        count: int, first: int, stage: int,
     ):  # fmt: skip
+        share = wp.where(stage == wp.static(WHOLE), dtype(0.5), dtype(1.0))
         for i in range(3 * t.blocks):
             d.known[b, i] = Lanes()
         for part in range(2):
             start = first - part * t.nv
             if start < t.nv and start + COUNT > 0:
-                of_bodies(t, d, k, b, start, part)
+                of_bodies(t, d, k, b, start, part, share)
                 of_springs(t, g, d, k, b, start, part)
                 of_joints(t, d, k, b, start, part)
                 of_tendons(t, d, k, b, start, part)
@@ -285,6 +291,8 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                 lane = 2 * t.nv + i - first
                 if lane >= 0 and lane < COUNT:
                     of_control(t, d, k, b, i, lane)
+        if stage == wp.static(WHOLE):
+            leap.turning(t, k, d, b, first / COUNT)
         if wp.static(contacts):
             if first < t.nv:
                 of_pairs(t, g, d, k, b, count, first)

@@ -12,9 +12,10 @@ import warp as wp
 from ...factories import cached
 from ..step import make_step
 from ..topology import Topology
-from ..work import GROUPS, WORK, Slot
+from ..work import GROUPS, LANES, WORK, Slot
 from .bodies import make_bodies
 from .columns import make_columns
+from .leap import PREDICTED, WHOLE, make_leap
 from .rows import make_row_slopes
 from .springs import make_spring_slopes
 from .system import make_system
@@ -30,7 +31,7 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
     """
     dtype = WORK
     step = make_step(given, residual)
-    bodies, springs = make_bodies(given), make_spring_slopes(given)
+    bodies, springs, leap = make_bodies(given), make_spring_slopes(given), make_leap(given)
     contacts = residual != "none"
     rows = make_row_slopes(given, residual) if contacts else None
     columns, system = make_columns(given, residual), make_system(given, residual)
@@ -52,6 +53,20 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
             step.control_force(t, k, i, dtype(u[i]))
         return step.solve_step(t, k)
 
+    @wp.func(inline=False)
+    def predict(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, external: wp.array2d(dtype=given),
+        world: int,
+    ):  # fmt: skip
+        """Of the leapfrog the derivatives of what it predicts, all columns."""
+        leap.predict(t, k, d, b)
+        bodies.prepare(t, k, d, b, external, world)
+        springs.prepare(t, k, g, d, b)
+        for part in range((2 * t.nv + t.nu + LANES - 1) / LANES):
+            columns.fill(t, k, g, d, b, 0, 0, part * LANES, wp.static(PREDICTED))
+            leap.keep(t, k, d, b, part)
+        leap.restore(t, k, d, b)
+
     @wp.func
     def prepare(
         t: wp.ref[Topology],
@@ -65,7 +80,11 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
         for j in range(t.nv):
             d.velocity[b, j] = k.v0[j]
             d.change[b, j] = k.v0[j] - d.change[b, j]
+        if t.leapfrog == 1:
+            predict(t, k, g, d, b, external, world)
         bodies.prepare(t, k, d, b, external, world)
+        if t.leapfrog == 1:
+            leap.bend(t, k, d, b)
         springs.prepare(t, k, g, d, b)
         n = int(0)
         pairs = int(0)
@@ -90,7 +109,7 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, n: int,
         pairs: int, first: int,
     ):  # fmt: skip
-        columns.fill(t, k, g, d, b, n, pairs, first)
+        columns.fill(t, k, g, d, b, n, pairs, first, wp.where(t.leapfrog == 1, wp.static(WHOLE), 0))
         return system.solve(t, k, d, b, n)
 
     return SimpleNamespace(

@@ -162,20 +162,6 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 many.solve(k.mass_factor, k.mass_factor, t.mass_first, t.mass_at, t.block_id, x, first, last)
 
     @wp.func
-    def take_momentum(
-        t: wp.ref[Topology], k: wp.ref[Slot], x: wp.array(dtype=Lanes), out: wp.array(dtype=Lanes)
-    ):
-        """out -= M x"""
-        for i in range(t.blocks):
-            at = t.mass_at[i]
-            for j in range(t.mass_first[i], i + 1):
-                m = k.mass[at + j]
-                for part in range(3):
-                    out[3 * i + part] = out[3 * i + part] - many.times(m, part, x, j)
-                    if j < i:
-                        out[3 * j + part] = out[3 * j + part] - many.times(wp.transpose(m), part, x, i)
-
-    @wp.func
     def to_come(moved: dtype, last: dtype, size: dtype):
         """What changes that shrink as the last two did add up to, relative to the last; squares. Nothing,
         where they are what numbers of such a size round by: these may be the same for ever.
@@ -294,7 +280,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             follow(t, k, d, b, n)
             for i in range(3 * t.blocks):
                 side[i] = known[i]
-            take_momentum(t, k, found, side)
+            many.take_momentum(t, k, found, side)
             add_pushes(t, k, d, b, n, side)
             more += 1
             since += 1

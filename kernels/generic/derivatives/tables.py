@@ -11,7 +11,7 @@ import warp as wp
 from ...factories import cached
 from ...structure import WORLD, Structure
 from ..topology import MOVES_A, MOVES_B, tables
-from ..work import M33, V2, WORK, Lanes
+from ..work import LANES, M33, V2, WORK, Lanes
 
 Pair = V2
 Share = wp.types.vector(4, WORK)
@@ -48,6 +48,8 @@ class Slopes:
     answer: wp.array2d(dtype=WORK)  # (nv) M^-1 J_i' by dof
     of_body: wp.array2d(dtype=OfBody)  # by entries of the bodies' chains
     acceleration: wp.array2d(dtype=Pair)  # (nb)
+    of_turn: wp.array2d(dtype=Share)  # by entries of the bodies' chains, of the leapfrog alone
+    ahead: wp.array2d(dtype=Lanes)  # (3 blocks) d of what it predicts, by parts of LANES columns
     of_spring: wp.array2d(dtype=OfSpring)
     pull: wp.array2d(dtype=Lanes)  # (springs) G and its slopes
     of_contact: wp.array2d(dtype=OfContact)  # (pairs most)
@@ -141,15 +143,18 @@ def make_groups(s: Structure, device: Any) -> Groups:
     return out
 
 
-def lengths(s: Structure) -> dict[str, tuple[int, Any]]:
+def lengths(s: Structure, leapfrog: bool = False) -> dict[str, tuple[int, Any]]:
     """Items of every workspace of a structure, and what they are."""
     (lists, sizes), found = tables(s), group_tables(s)
     width, most = widths(s)
     pairs = len(s.pairs)
+    parts = -(-(2 * s.nv + s.nu) // LANES)
     return {
         **dict.fromkeys(("velocity", "change", "answer"), (s.nv, WORK)),
         "of_body": (len(lists["chain"]), OfBody),
         "acceleration": (s.nb, Pair),
+        "of_turn": (len(lists["chain"]) * leapfrog, Share),
+        "ahead": (3 * sizes.blocks * parts * leapfrog, Lanes),
         "of_spring": (len(found["spring_dof"]), OfSpring),
         "pull": (len(s.springs), Lanes),
         "of_contact": (pairs * most, OfContact),
@@ -168,14 +173,14 @@ def lengths(s: Structure) -> dict[str, tuple[int, Any]]:
     }
 
 
-def allocate_slopes(s: Structure, slots: int, device: Any) -> Slopes:
+def allocate_slopes(s: Structure, leapfrog: bool, slots: int, device: Any) -> Slopes:
     """Workspaces of `slots` worlds."""
     out = Slopes()
-    for name, (length, kind) in lengths(s).items():
+    for name, (length, kind) in lengths(s, leapfrog).items():
         setattr(out, name, wp.zeros((slots, length), dtype=kind, device=device))
     return out
 
 
-def bytes_per_world(s: Structure) -> int:
+def bytes_per_world(s: Structure, leapfrog: bool) -> int:
     """Memory of one slot."""
-    return sum(length * wp.types.type_size_in_bytes(kind) for length, kind in lengths(s).values())
+    return sum(length * wp.types.type_size_in_bytes(kind) for length, kind in lengths(s, leapfrog).values())

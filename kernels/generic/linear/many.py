@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..work import M33, Lanes
+from ..topology import Topology
+from ..work import M33, Lanes, Slot
 
 
 @cached
@@ -17,6 +18,7 @@ def make_many() -> SimpleNamespace:
     """solve(m, u, first, at, block, x, start, end): (L U)^-1 x in place between the borders of an independent
     part, x being (3 blocks) of LANES: component c of block b at 3 b + c. m holds L and u the transpose of U;
     of a Cholesky factor both are the same. With m and u exchanged the transposed system is solved.
+    take_momentum(t, k, x, out): out -= M x.
     """
 
     @wp.func
@@ -62,4 +64,18 @@ def make_many() -> SimpleNamespace:
             for j in range(first[i], i):
                 take(wp.transpose(u[row + j]), x, block[i], block[j])
 
-    return SimpleNamespace(solve=solve, times=times)
+    @wp.func
+    def take_momentum(
+        t: wp.ref[Topology], k: wp.ref[Slot], x: wp.array(dtype=Lanes), out: wp.array(dtype=Lanes)
+    ):
+        """out -= M x"""
+        for i in range(t.blocks):
+            at = t.mass_at[i]
+            for j in range(t.mass_first[i], i + 1):
+                m = k.mass[at + j]
+                for part in range(3):
+                    out[3 * i + part] = out[3 * i + part] - times(m, part, x, j)
+                    if j < i:
+                        out[3 * j + part] = out[3 * j + part] - times(wp.transpose(m), part, x, i)
+
+    return SimpleNamespace(solve=solve, take_momentum=take_momentum)

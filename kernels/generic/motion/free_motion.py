@@ -1,12 +1,12 @@
-"""Where a step's motion goes without contact."""
+"""Where a step's motion goes without contact: Euler's rule, or the leapfrog's (M63)."""
 
 import warp as wp
 
 from ...factories import cached
 from ..linear.doubted import make_doubted
 from ..linear.envelope import make_envelope
-from ..topology import Topology
-from ..work import V3, WORK, Slot
+from ..topology import TURN, Topology
+from ..work import V2, V3, WORK, Slot
 from .mechanism import COLUMN, make_mechanism
 
 
@@ -14,21 +14,57 @@ from .mechanism import COLUMN, make_mechanism
 def make_free_motion(given: type) -> wp.Function:
     """free_motion(t, k): k.vfree and k.v from M, in k.mass, and the forces, in k.move."""
     dtype = WORK
-    number = make_mechanism(given).number
+    mech = make_mechanism(given)
+    number = mech.number
     env, doubted = make_envelope(), make_doubted()
-    H, ONE = COLUMN["step_size"], dtype(1.0)
+    H, COM, MASS = (COLUMN[n] for n in ("step_size", "com", "mass"))
+    ZERO, ONE, TWO, HALF = dtype(0.0), dtype(1.0), dtype(2.0), dtype(0.5)
 
-    @wp.func(inline=False)
-    def free_motion(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """v_free = v + h M^-1 (r + u), no number where what springs and tendons tie has no digits left."""
-        for i in range(k.mass.shape[0]):
-            k.mass_factor[i] = k.mass[i]
-        env.factor(k.mass_factor, t.mass_first, t.mass_at, 0, t.blocks)
+    @wp.func
+    def respond(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """k.move = M^-1 k.move, no number where what springs and tendons tie has no digits left."""
         if t.springs + t.tendons > 0 and t.implicit_damping + t.implicit_stiffness > 0:
             if doubted.solve(t, k) == 1:
                 k.move[0] = wp.sqrt(-ONE) * V3(ONE, ONE, ONE)
         else:
             env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, 0, t.blocks)
+
+    @wp.func(inline=False)
+    def whirl(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
+        """What turning adds to the acceleration of a body's centre of mass at the predicted velocities beyond
+        what it adds at v; the centre's columns.
+        """
+        cx = number(t, k, COM, 2 * i)
+        cy = number(t, k, COM, 2 * i + 1)
+        p = k.frame[i]
+        x = p[2] + p[0] * cx - p[1] * cy
+        y = p[3] + p[1] * cx + p[0] * cy
+        out = V2()
+        turning = ZERO + ZERO  # rates of the revolute joints before this one
+        faster = ZERO + ZERO
+        for at in range(t.chain_start[i], t.chain_start[i + 1]):
+            j = t.chain[at]
+            arm = mech.column(t, k, j, x, y)
+            k.column[j] = arm
+            v = k.v0[j]
+            late = k.vfree[t.blocks + t.dof_block[j]][t.dof_part[j]]
+            one = TWO * turning
+            two = TWO * faster
+            if t.dof_kind[j] == TURN:
+                one += v
+                two += late
+                turning += v
+                faster += late
+            out += (two * late - one * v) * V2(-arm[1], arm[0])
+        return out
+
+    @wp.func(inline=False)
+    def euler(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """k.vfree = v + h M^-1 (r + u)"""
+        for i in range(k.mass.shape[0]):
+            k.mass_factor[i] = k.mass[i]
+        env.factor(k.mass_factor, t.mass_first, t.mass_at, 0, t.blocks)
+        respond(t, k)
         h = number(t, k, H, 0)
         for i in range(t.blocks):
             k.before[i] = V3()
@@ -36,6 +72,30 @@ def make_free_motion(given: type) -> wp.Function:
             k.before[t.dof_block[j]][t.dof_part[j]] = k.v0[j]
         for i in range(t.blocks):
             k.vfree[i] = k.before[i] + h * k.move[i]
+
+    @wp.func(inline=False)
+    def leap(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """From where Euler's step leads to where the mean of the forces of turning does."""
+        for i in range(t.blocks):
+            k.vfree[t.blocks + i] = k.vfree[i]
+            k.move[i] = V3()
+        for i in range(t.nb):
+            force = -HALF * number(t, k, MASS, i) * whirl(t, k, i)
+            for at in range(t.chain_start[i], t.chain_start[i + 1]):
+                j = t.chain[at]
+                b = t.dof_block[j]
+                k.move[b][t.dof_part[j]] = k.move[b][t.dof_part[j]] + wp.dot(k.column[j], force)
+        respond(t, k)
+        h = number(t, k, H, 0)
+        for i in range(t.blocks):
+            k.vfree[i] = k.vfree[t.blocks + i] + h * k.move[i]
+
+    @wp.func
+    def free_motion(t: wp.ref[Topology], k: wp.ref[Slot]):
+        euler(t, k)
+        if t.leapfrog == 1:
+            leap(t, k)
+        for i in range(t.blocks):
             k.v[i] = k.vfree[i]
 
     return free_motion

@@ -21,6 +21,8 @@ class Curves:
     edge: wp.array2d(dtype=wp.int32)  # (rows) 1: of a pair at the end of a side, where slopes have a kink
     by_state: wp.array2d(dtype=WORK)  # (2 nv) differences of slopes of L
     by_move: wp.array2d(dtype=WORK)  # (nv)
+    by_lead: wp.array2d(dtype=WORK)  # (nv) of what the leapfrog predicts
+    turning: wp.array3d(dtype=WORK)  # (nv, nv) second derivatives of forces of turning
     by_root: wp.array2d(dtype=WORK)  # (rows)
     cross: wp.array2d(dtype=WORK)  # (n_s)
     found: wp.array3d(dtype=WORK)  # (n_s, n_s)
@@ -35,6 +37,8 @@ def lengths(s: Structure) -> dict[str, tuple[int, ...]]:
         "move": (s.nv, width),
         "by_state": (2 * s.nv,),
         "by_move": (s.nv,),
+        "by_lead": (s.nv,),
+        "turning": (s.nv, s.nv),
         "found": (width, width),
         "cross": (width,),
     }

@@ -27,7 +27,8 @@ CARRIED = 1e-2  # of the slopes by v': the last correction's work on the impulse
 def make_dual(given: type, residual: str) -> SimpleNamespace:
     """weights(t, k, room, w, b): P (in w.p as -P) and rho of w.target, 1 if these hold; solved(.., n): the
     same with the factor of n rows that is there; response(t, k, r): k.move = M^-1 J_r' in the units that row
-    r moves; along(t, k, x, r) = J_r x, push(t, k, w, x, r, by): x -= C_r' by; momenta(t, k, w).
+    r moves; along(t, k, x, r) = J_r x, push(t, k, w, x, r, by): x -= C_r' by; momenta(t, k,
+    x): k.balance = N x.
     """
     system, lu, slips = make_system(given, residual), make_lu(), make_slips()
     contacts = residual != "none"
@@ -60,21 +61,20 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
         return out
 
     @wp.func
-    def momenta(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
-        """k.balance = N a"""
+    def momenta(t: wp.ref[Topology], k: wp.ref[Slot], x: wp.array(dtype=V3)):
         for i in range(t.blocks):
             at = t.mass_at[i]
-            total = k.mass[at + i] * w.p[i]
+            total = k.mass[at + i] * x[i]
             for j in range(t.mass_first[i], i):
                 m = k.mass[at + j]
-                total += m * w.p[j]
-                k.balance[j] = k.balance[j] + wp.transpose(m) * w.p[i]
+                total += m * x[j]
+                k.balance[j] = k.balance[j] + wp.transpose(m) * x[i]
             k.balance[i] = total
 
     @wp.func
     def miss(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], rows: wp.array(dtype=int), n: int):
         """k.balance and k.res: what w.p and w.y leave of the equations."""
-        momenta(t, k, w)
+        momenta(t, k, w.p)
         for i in range(t.blocks):
             k.balance[i] = k.balance[i] - w.target[i]
         for n_th in range(n):

@@ -26,6 +26,7 @@ from .curves import Curves
 from .room import OLD, Room, View
 from .spans import make_spans
 from .step import make_step_adjoint
+from .whirls import make_whirls
 
 STEP = 2.0**-21  # of a radian or of a length of the scene, times the root of how many of these q is
 PART = 1e-3  # of a spring's length now, rounded at zero: no step is longer
@@ -44,7 +45,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     rows_of = make_row_slopes(given, residual) if contacts else None
     system = make_system(given, residual) if contacts else None
     bend = None if hard or not contacts else make_smoothing(WORK, residual).bend
-    dual, env = adjoint.dual, make_envelope()
+    dual, env, whirls = adjoint.dual, make_envelope(), make_whirls(given, residual)
     number = make_mechanism(given).number
     spans, LONG = make_spans(given, False), WORK(PART / STEP)
     RADIUS, OFFSET, LENGTH = (COLUMN[name] for name in ("radius", "shape_offset", "spring_length"))
@@ -164,7 +165,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
         for j in range(t.nv):
             e.by_state[b, j] = e.by_state[b, j] + sign * w.by_q[j]
             e.by_state[b, t.nv + j] = e.by_state[b, t.nv + j] + sign * w.by_v[j]
-        dual.momenta(t, k, w)
+        dual.momenta(t, k, w.p)
         for n_th in range(n):
             r = room.factor.row[b, n_th]
             if k.acting[r] > 0:
@@ -173,6 +174,11 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
                 e.by_root[b, n_th] = e.by_root[b, n_th] + sign * pushed
         for j in range(t.nv):
             e.by_move[b, j] = e.by_move[b, j] - sign * k.balance[t.dof_block[j]][t.dof_part[j]]
+        if t.leapfrog == 1:
+            dual.momenta(t, k, w.lead)
+            for j in range(t.nv):
+                by = w.by_lead[j] + k.balance[t.dof_block[j]][t.dof_part[j]]
+                e.by_lead[b, j] = e.by_lead[b, j] + sign * by
 
     @wp.func
     def cross(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], e: Curves, b: int, n: int, c: int):
@@ -185,6 +191,10 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             if by != ZERO:
                 for i in range(width):
                     e.cross[b, i] = e.cross[b, i] + by * e.move[b, j, i]
+        if t.leapfrog == 1:
+            for j in range(t.nv):
+                for i in range(width):
+                    e.cross[b, i] = e.cross[b, i] + e.by_lead[b, j] * whirls.ahead(t, room, b, j, i)
         for n_th in range(n):
             by = e.by_root[b, n_th]
             if by != ZERO:
@@ -213,6 +223,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             e.by_state[b, j] = ZERO
         for j in range(t.nv):
             e.by_move[b, j] = ZERO
+            e.by_lead[b, j] = ZERO
         for n_th in range(n):
             e.by_root[b, n_th] = ZERO
         if wp.static(contacts):
@@ -231,7 +242,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
                 weight = wp.where(point == 1 or point == 2, ONE, -ONE) / (TWO * far)
             w.q[c] = q + side
             configure(t, k, room, w, e, b, n, external, world)
-            adjoint.slopes(t, g, k, room, w, external, world)
+            adjoint.slopes(t, g, k, room, w, external, world, 1)
             gather(t, k, room, w, e, b, n, weight)
         w.q[c] = q
         for j in range(t.nv):
@@ -242,27 +253,6 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             e.found[b, t.nv + j, c] = e.found[b, t.nv + j, c] + other
             e.found[b, c, t.nv + j] = e.found[b, c, t.nv + j] + other
         cross(t, k, room, e, b, n, c)
-
-    @wp.func
-    def of_velocities(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], e: Curves, b: int):
-        """The bodies' part is quadratic in v: its slopes' differences are exact, whatever their size."""
-        for j in range(t.nv):
-            e.by_move[b, j] = ZERO
-        for c in range(t.nv + 1):  # at v itself, then with one of it greater by 1
-            at = wp.static(OLD) * t.nv + wp.max(c - 1, 0)
-            v = w.rates[at] + ZERO
-            w.rates[at] = v + wp.where(c > 0, ONE, ZERO)
-            adjoint.turning(t, k, w)
-            w.rates[at] = v
-            for j in range(t.nv):
-                if c > 0:
-                    half = HALF * (w.by_v[j] - e.by_move[b, j])
-                    one = t.nv + j
-                    two = t.nv + c - 1
-                    e.found[b, one, two] = e.found[b, one, two] + half
-                    e.found[b, two, one] = e.found[b, two, one] + half
-                else:
-                    e.by_move[b, j] = w.by_v[j]
 
     @wp.func
     def length_of(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -323,6 +313,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             return int(0)
         if wp.static(contacts):
             of_rows(t, k, room, w, e, b, n)
+        if t.leapfrog == 1:
+            adjoint.slopes(t, g, k, room, w, external, world, 0)  # w.lead
         length = length_of(t, k)
         for c in range(t.nv):
             of_configuration(t, k, g, room, w, e, b, n, c, length, external, world)
@@ -330,7 +322,9 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             follow(t, k, g, room, b, n, -1)
         configure(t, k, room, w, e, b, n, external, world)
         adjoint.rates(t, k, w)
-        of_velocities(t, k, w, e, b)
+        whirls.of_velocities(t, k, w, e, b)
+        if t.leapfrog == 1:
+            whirls.of_predicted(t, k, room, w, e, b)
         total = ZERO + ZERO
         for i in range(width):
             for j in range(width):

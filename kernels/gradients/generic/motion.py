@@ -22,8 +22,9 @@ from .twists import make_twists, turned, twist
 
 @cached
 def make_motion(given: type, graded: bool) -> SimpleNamespace:
-    """body(..., i), joints(...), spring(..., i) add the parts of the motion; row_part(..., group, kappa) that
-    of a row whose m is in the rates ROW.
+    """body(..., i, force, share, whole), a share of its forces of turning and one of all else, joints(...),
+    spring(..., i) add the parts of the motion; row_part(..., group, kappa) that of a row whose m is in the
+    rates ROW.
     """
     move, spans, stiffness_of = (make(given, graded) for make in (make_twists, make_spans, make_stiffness))
     z, tendons = move.solved, make_tendons(given, graded)
@@ -40,7 +41,7 @@ def make_motion(given: type, graded: bool) -> SimpleNamespace:
     @wp.func
     def body(
         t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], i: int,
-        force: wp.vec3d,
+        force: wp.vec3d, share: wp.float64, whole: wp.float64,
     ):  # fmt: skip
         h = number(t, k, H, 0)
         mass = number(t, k, MASS, i)
@@ -48,31 +49,32 @@ def make_motion(given: type, graded: bool) -> SimpleNamespace:
         rho = turned(axes(k, i), two(t, k, COM, i))
         spin_p = w.twist[wp.static(DUAL) * t.nb + i][0]
         spin_v = w.twist[wp.static(OLD) * t.nb + i][0]
-        spin_w = w.twist[wp.static(NEW) * t.nb + i][0] - spin_v
+        spin_w = whole * (w.twist[wp.static(NEW) * t.nb + i][0] - spin_v)
         vp = move.point(t, w, wp.static(DUAL), i, rho)
         change = move.point(t, w, wp.static(NEW), i, rho) - move.point(t, w, wp.static(OLD), i, rho)
-        free = w.acceleration[i] - spin_v * spin_v * rho - two(t, k, GRAVITY, 0)
-        total = change + h * free
+        free = share * (w.acceleration[i] - spin_v * spin_v * rho) - whole * two(t, k, GRAVITY, 0)
+        total = whole * change + h * free
         pushed = wp.vec2d(force[0], force[1])
         add(t, w, MASS, i, wp.dot(vp, total))
         add(t, w, INERTIA, i, spin_p * spin_w)
-        add2(t, w, GRAVITY, 0, -h * mass * vp)
+        add2(t, w, GRAVITY, 0, -h * whole * mass * vp)
         add(t, w, H, 0, mass * wp.dot(vp, free) - wp.dot(pushed, vp) - force[2] * spin_p)
         by_p = mass * total - h * pushed
-        by_new = mass * vp
+        by_new = whole * mass * vp
+        by_turning = h * share * mass * vp
         by_rho = move.point_back(t, w, wp.static(DUAL), i, rho, by_p)
         by_rho += move.point_back(t, w, wp.static(NEW), i, rho, by_new)
         by_rho += move.point_back(t, w, wp.static(OLD), i, rho, -by_new)
-        by_rho -= h * spin_v * spin_v * by_new
+        by_rho -= spin_v * spin_v * by_turning
         zero = wp.vec2d()
         at = wp.static(DUAL) * t.nb + i
         w.by_twist[at] = w.by_twist[at] + twist(inertia * spin_w - h * force[2], zero)
         at = wp.static(NEW) * t.nb + i
-        w.by_twist[at] = w.by_twist[at] + twist(inertia * spin_p, zero)
+        w.by_twist[at] = w.by_twist[at] + twist(whole * inertia * spin_p, zero)
         at = wp.static(OLD) * t.nb + i
-        late = -TWO * h * spin_v * wp.dot(rho, by_new)
-        w.by_twist[at] = w.by_twist[at] + twist(late - inertia * spin_p, zero)
-        w.by_acceleration[i] = w.by_acceleration[i] + h * by_new
+        late = -TWO * spin_v * wp.dot(rho, by_turning)
+        w.by_twist[at] = w.by_twist[at] + twist(late - whole * inertia * spin_p, zero)
+        w.by_acceleration[i] = w.by_acceleration[i] + by_turning
         add2(t, w, COM, i, move.attach(t, k, w, i, rho, zero, by_rho))
 
     @wp.func

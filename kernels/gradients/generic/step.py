@@ -16,8 +16,9 @@ from ...generic.topology import Topology
 from ...generic.work import V3, WORK, Slot
 from ...status import SOLVED
 from .dual import make_dual
-from .motion import make_motion
-from .room import OLD, ROW, Room, View
+from .leap import make_leap
+from .passes import make_passes
+from .room import OLD, Room, View
 from .rows import make_rows
 from .solved import make_solved
 
@@ -26,17 +27,17 @@ from .solved import make_solved
 def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespace:
     """solve(..., x, u): the step anew, 1 if it is solved. pull(...): from w.weight, of the state after it,
     slopes by q and v (w.by_q, w.by_v) and, if `graded`, by the parameters (added to w.grad), 1 if these hold:
-    `aim`, P and rho, then `slopes`; turning(...): slopes by v (w.by_v) of the bodies' part. control(...,
-    i, u): that by a control.
+    `aim`, P and rho, then `slopes`; turning(..., share): slopes by v (w.by_v) of forces of
+    turning. control(..., i, u): that by a control.
     """
     step, z = make_step(given, residual), make_solved(given, graded)
     contact = residual != "none"
     rows = make_rows(given, residual, graded) if contact else None
-    dual, motion = make_dual(given, residual), make_motion(given, graded)
-    move = motion.twists
+    dual, passes = make_dual(given, residual), make_passes(given, graded)
+    motion, leap = passes.motion, make_leap(given, residual, graded)
     number, add = z.number, z.add
     H = z.COLUMN["step_size"]
-    ZERO = WORK(0.0)
+    ZERO, ONE, HALF = WORK(0.0), WORK(1.0), WORK(0.5)
 
     @wp.func
     def solve(
@@ -54,29 +55,6 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
         code = step.solve_step(t, k)
         return wp.where(code == wp.static(SOLVED), 1, 0)
 
-    @wp.func(inline=False)
-    def rise(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
-        """Twists from the roots; no slopes yet."""
-        sets = int(wp.static(ROW))  # a number that is not unrolled
-        for i in range(t.nb):
-            for set in range(sets):
-                move.advance(t, k, w, set, i)
-                w.by_twist[set * t.nb + i] = wp.vec3d()
-            move.accelerate(t, k, w, i)
-            w.by_acceleration[i] = wp.vec2d()
-            w.by_frame[i] = wp.vec3d()
-            w.by_arm[i] = wp.vec2d()
-
-    @wp.func(inline=False)
-    def fall(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
-        """Slopes to the roots."""
-        sets = int(wp.static(ROW))
-        for back in range(t.nb):
-            i = t.nb - 1 - back
-            for set in range(sets):
-                move.pull(t, k, w, set, i)
-            move.settle(t, k, w, i)
-
     @wp.func
     def aim(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
         """w.target: what w.weight, of the state after the step, weighs v' by."""
@@ -90,9 +68,9 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
     @wp.func(inline=False)
     def slopes(
         t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View],
-        external: wp.array2d(dtype=given), world: int,
+        external: wp.array2d(dtype=given), world: int, fixed: int,
     ):  # fmt: skip
-        """By q, v and the parameters at these P and rho."""
+        """By q, v and the parameters at these P and rho, and P0 if that is fixed (`leap.py`)."""
         by_h = WORK(0.0)
         for j in range(t.nv):
             by_h += w.weight[j] * k.v[t.dof_block[j]][t.dof_part[j]]
@@ -100,29 +78,28 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
             w.by_v[j] = ZERO
         add(t, w, H, 0, by_h)
         z.rates(t, k, w)
-        rise(t, k, w)
-        for i in range(t.nb):
-            force = wp.vec3d()
-            if external.shape[0] > 0:
-                for n in range(3):
-                    force[n] = WORK(external[world, 3 * i + n])
-            motion.body(t, k, w, i, force)
+        share = ZERO + ONE  # of the forces of turning, those at v
+        if t.leapfrog == 1:
+            leap.predicted(t, k, w, external, world, fixed)
+            z.rates(t, k, w)
+            share = HALF
+        passes.rise(t, k, w)
+        passes.bodies(t, k, w, share, ONE, external, world)
         motion.joints(t, k, w)
         for i in range(t.springs):
             motion.spring(t, k, w, i)
         if wp.static(contact):
             rows.constraints(t, s, k, room, w)
-        fall(t, k, w)
+        passes.fall(t, k, w)
+        if t.leapfrog == 1:
+            leap.joined(t, w)
 
     @wp.func
-    def turning(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
-        """At the rates that are there."""
+    def turning(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], share: WORK):
+        """At the rates that are there, of a share."""
         for j in range(t.nv):
             w.by_v[j] = ZERO
-        rise(t, k, w)
-        for i in range(t.nb):
-            motion.body(t, k, w, i, wp.vec3d())
-        fall(t, k, w)
+        passes.turn(t, k, w, share)
 
     @wp.func
     def pull(
@@ -132,7 +109,7 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
         aim(t, k, w)
         if dual.weights(t, k, room, w, slot) == 0:
             return int(0)
-        slopes(t, s, k, room, w, external, world)
+        slopes(t, s, k, room, w, external, world, 0)
         return int(1)
 
     return SimpleNamespace(
@@ -142,6 +119,7 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
         slopes=slopes,
         pull=pull,
         turning=turning,
+        leap=leap,
         control=motion.control,
         dual=dual,
         rates=z.rates,

@@ -300,16 +300,17 @@ def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
     """By how much a step adds kinetic energy where it must not. Hard contact whose rows are all open, or
     closed without overlap: v' is a projection of v_free (Anitescu), or friction and normal both oppose it
     (Coulomb). Dampers, where nothing touches: against the velocity without them, unless the scene wants
-    them explicit. Energy is v' M v/2, with implicit stiffness of M + h^2/2 K.
+    them explicit, or the leapfrog's forces of turning hang on them. Energy is v' M v/2, with implicit
+    stiffness of M + h^2/2 K.
     """
     truth, none = p.truth, np.zeros(len(v1))
     if p.method.trapezoidal:
         return none, none
     kinetic, h_mass, free = truth.mech.kinetic, p.drive.h_mass, np.abs(p.drive.free) + _least(p)
     undamped = truth.undamped()
-    alone = (
-        (p.free > _miss(p)).all(1) & truth.damped if p.method.hard and not p.method.end_gap else none > 0.0
-    )
+    alone = none > 0.0
+    if p.method.hard and not p.method.end_gap and not p.method.leapfrog:
+        alone = (p.free > _miss(p)).all(1) & truth.damped
     gain = np.where(alone, kinetic(truth.inertia, v1) - kinetic(truth.inertia, undamped), 0.0)
     doubt = p.loose * np.sum(p.drive.doubt * (np.abs(undamped) + np.abs(truth.v)), 1)
     size = kinetic(np.abs(truth.inertia), np.abs(undamped) + np.abs(truth.v) + _least(p)) + doubt + TINY

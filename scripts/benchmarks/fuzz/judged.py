@@ -85,7 +85,8 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
         else:
             here = Truth(sim.scene, full.part(keep), None if force is None else force[keep])
         force_there = push if keep is None or push is None else push[keep]
-        return Problem(here, here.drive(force_there), method, dtype, inner)
+        drive = here.leap() if method.leapfrog else here.drive(force_there)
+        return Problem(here, drive, method, dtype, inner)
 
     problem, done = pose(None), None
     if out is None:

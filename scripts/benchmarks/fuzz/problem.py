@@ -7,6 +7,7 @@ that is judged.
 """
 
 import copy
+import dataclasses
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from slcp_warp.kernels.method import Method
 
 from ..mechanics.bounces import met
 from ..mechanics.contact import Touches, touches
+from ..mechanics.leaps import late, reached_by
 from ..mechanics.level import level, level_touches
 from ..mechanics.overlaps import limited, room
 from ..mechanics.tree import Mechanics
@@ -121,6 +123,18 @@ class Truth:
         free = solved(h_mass, rhs)
         none = np.zeros(free.shape)
         return Drive(h_mass, rhs, size, free, self._strung(free), none, none[:, 0])
+
+    def leap(self) -> Drive:
+        """The leapfrog's equation of motion."""
+        euler, of = self.drive(), (self.mech, self.q)
+        added, size = late(*of, self.v, self.worlds.u, euler.free)
+        inverse = np.linalg.inv(euler.h_mass)
+        shaken = [
+            reached_by(*of, self.worlds.u, euler.free, inverse, part) for part in (euler.size, euler.doubt)
+        ]
+        rhs, free = euler.rhs + added, euler.free + solved(euler.h_mass, added)
+        size, doubt = euler.size + size + shaken[0], euler.doubt + shaken[1]
+        return dataclasses.replace(euler, rhs=rhs, size=size, free=free, doubt=doubt)
 
     def _strung(self, free: Array) -> Array:
         """Products behind springs' forces, C and K: they cancel at right angles to a spring."""

@@ -108,6 +108,8 @@ class Task:
         if speeds:
             speed = speeds[self.scene % len(speeds)]
             chosen = [(dataclasses.replace(o, depenetration_speed=speed), d) for o, d in chosen]
+        if self._part().integrator:
+            chosen = [(dataclasses.replace(o, integrator=self._part().integrator), d) for o, d in chosen]
         return [(o, d) for o, d in chosen if not self.residuals or o.residual in self.residuals]
 
 
