@@ -67,7 +67,7 @@ class Method:
 
     @property
     def leapfrog(self) -> bool:
-        """Whether forces of turning are the mean of those at the velocities before and after a step."""
+        """Whether Coriolis forces are the mean of those at the velocities before and after a step."""
         return self.integrator == "leapfrog"
 
     @property

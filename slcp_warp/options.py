@@ -59,7 +59,10 @@ class Options:
         friction: "anitescu", the relaxed planar model (M7), the paper's [9]: convex, lifts sliding contacts;
             "coulomb", exact planar friction (M8), the paper's [8], for the hard problem only.
         integrator: "euler" (M1), first order; "trapezoidal" (M23), (M24), the linearly implicit method of
-            footnote 1 (the paper's [6]), second order where motion is smooth.
+            footnote 1 (the paper's [6]), second order where motion is smooth, in specialised kernels;
+            "leapfrog" (M63), Euler's with the mean of the Coriolis forces before and after the step: what
+            flies keeps its momentum to second order. Its velocities are those half a step before its places.
+            In generic kernels.
         noise: "row", a constant sigma for every row; "state", eq. (18), (M18): sigma follows in every step
             from the parameters position_covariance and velocity_covariance, (nv, nv).
         deviation: what sigma is to a logistic residual, the distribution's "scale" or its

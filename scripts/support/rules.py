@@ -24,7 +24,7 @@ Scaling = Annotated[str | None, typer.Option(help="inertia or none; default: the
 Friction = Annotated[
     str | None, typer.Option(help="anitescu, or coulomb with the hard residual; default: the task's.")
 ]
-Integrator = Annotated[str | None, typer.Option(help="euler or trapezoidal; default: the task's.")]
+Integrator = Annotated[str | None, typer.Option(help="euler, leapfrog or trapezoidal; default: the task's.")]
 Gap = Annotated[str | None, typer.Option(help="start, or end with the hard residual; default: the task's.")]
 Noise = Annotated[
     str | None, typer.Option(help="row, or state with a smoothed residual; default: the task's.")

@@ -47,7 +47,7 @@ def test_every_column_against_differences(make):
 
 @pytest.mark.parametrize("make", [crane, hub, lever, functools.partial(tree_with_contacts, 4)])
 def test_every_column_of_the_leapfrog(make):
-    """Its forces of turning hang on all that its prediction does."""
+    """Its Coriolis forces hang on all that its prediction does."""
     sc = make()
     sim = generic(sc, integrator="leapfrog")
     x, u, force = states(sc, 10)

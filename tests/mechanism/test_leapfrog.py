@@ -1,4 +1,4 @@
-"""The leapfrog: half of its forces of turning are those at the velocities that Euler's step leads to."""
+"""The leapfrog: half of its Coriolis forces are those at the velocities that Euler's step leads to."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def rolled(scene, h, x0, us, **options):
     return run
 
 
-def turning(oracle, q, v):
+def coriolis(oracle, q, v):
     """C(q, v) v of Lagrange's equations, dM/dt v - d(v' M v/2)/dq, by differences of M that are exact to the
     fifth order.
     """
@@ -74,7 +74,7 @@ def test_a_step_of_random_trees_is_its_equation(joints):
     )
     for i in range(5):
         q, v, p = x[i, :nv], x[i, nv:], euler[i, nv:]
-        late = turning(oracle, q, p) - turning(oracle, q, v)
+        late = coriolis(oracle, q, p) - coriolis(oracle, q, v)
         mass = oracle.mass_matrix(q[None])[0] + scene.step_size * oracle.damping_matrix(q[None])[0]
         expected = p - 0.5 * scene.step_size * np.linalg.solve(mass, late)
         assert np.abs(expected - p).max() > 1e-4

@@ -46,7 +46,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
         t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int, share: dtype
     ):
         """What bodies make of the columns by q, or by v, of the degrees of freedom from `first` on; `share`:
-        of the forces of turning, those at v.
+        of the Coriolis forces, those at v.
         """
         x = d.known[b]
         h = share * number(t, k, H, 0)
@@ -292,7 +292,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                 if lane >= 0 and lane < COUNT:
                     of_control(t, d, k, b, i, lane)
         if stage == wp.static(WHOLE):
-            leap.turning(t, k, d, b, first / COUNT)
+            leap.coriolis(t, k, d, b, first / COUNT)
         if wp.static(contacts):
             if first < t.nv:
                 of_pairs(t, g, d, k, b, count, first)

@@ -1,6 +1,6 @@
 """What the leapfrog (M63) adds to the derivatives of the equations of motion.
 
-Half of its forces of turning are those at the velocities p = v + h M^-1 (r(q, v) + u) where Euler's step
+Half of its Coriolis forces are those at the velocities p = v + h M^-1 (r(q, v) + u) where Euler's step
 leads: dp by the columns of (q, v, u) comes first, by the equation of that step alone.
 """
 
@@ -22,7 +22,7 @@ PREDICTED, WHOLE = 1, 2  # which equation columns are of: that of p, that of v';
 def make_leap(given: type) -> SimpleNamespace:
     """predict(t, k, d, b), restore(t, k, d, b): d.velocity and d.change of Euler's step, and of the whole one
     again. keep(t, k, d, b, part): from d.known the columns of dp. bend(t, k, d, b): what `bodies.prepare`
-    made of forces of turning at v becomes that of the mean. turning(t, k, d, b, part): adds to d.known what
+    made of Coriolis forces at v becomes that of the mean. coriolis(t, k, d, b, part): adds to d.known what
     p's change makes of it.
     """
     many = make_many()
@@ -69,7 +69,7 @@ def make_leap(given: type) -> SimpleNamespace:
 
     @wp.func
     def bend_chain(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, i: int, h: WORK):
-        """Of a body's d.of_body and d.acceleration; P2(p) into d.of_turn."""
+        """Of a body's d.of_body and d.acceleration; P2(p) into d.of_coriolis."""
         start = t.chain_start[i]
         end = t.chain_start[i + 1]
         turning = ZERO + ZERO  # sums of v, p and of what changes over what turns the body so far
@@ -92,7 +92,7 @@ def make_leap(given: type) -> SimpleNamespace:
             if t.dof_kind[j] == TURN:
                 change += weight
             total += (h * weight) * Pair(-e[1], e[0])
-            d.of_turn[b, at] = Share(change, weight, faster, ZERO)
+            d.of_coriolis[b, at] = Share(change, weight, faster, ZERO)
         d.acceleration[b, i] = total
         by_change = Pair()  # sums over what comes later
         by_late = Pair()
@@ -100,7 +100,7 @@ def make_leap(given: type) -> SimpleNamespace:
             at = end - 1 - back
             j = t.chain[at]
             e = d.of_body[b, at]
-            s = d.of_turn[b, at]
+            s = d.of_coriolis[b, at]
             arm = Pair(e[0], e[1])
             second = s[0] * arm
             third = s[2] * arm
@@ -112,7 +112,7 @@ def make_leap(given: type) -> SimpleNamespace:
             e[2] = e[2] - h * second[0]
             e[3] = e[3] - h * second[1]
             d.of_body[b, at] = e
-            d.of_turn[b, at] = Share(-third[1], third[0], ZERO, ZERO)
+            d.of_coriolis[b, at] = Share(-third[1], third[0], ZERO, ZERO)
 
     @wp.func(inline=False)
     def bend(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int):
@@ -121,7 +121,7 @@ def make_leap(given: type) -> SimpleNamespace:
             bend_chain(t, k, d, b, i, h)
 
     @wp.func(inline=False)
-    def turning_of(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, part: int):
+    def coriolis(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, part: int):
         h = number(t, k, H, 0)
         first = part * 3 * t.blocks
         for i in range(t.nb):
@@ -130,7 +130,7 @@ def make_leap(given: type) -> SimpleNamespace:
             for by in range(t.chain_start[i], t.chain_start[i + 1]):
                 j = t.chain[by]
                 ahead = d.ahead[b, first + 3 * t.dof_block[j] + t.dof_part[j]]
-                s = d.of_turn[b, by]
+                s = d.of_coriolis[b, by]
                 x += s[0] * ahead
                 y += s[1] * ahead
             share = -h * number(t, k, MASS, i)
@@ -140,4 +140,4 @@ def make_leap(given: type) -> SimpleNamespace:
                 e = d.of_body[b, at]
                 d.known[b, p] = d.known[b, p] + share * (e[0] * x + e[1] * y)
 
-    return SimpleNamespace(predict=predict, restore=restore, keep=keep, bend=bend, turning=turning_of)
+    return SimpleNamespace(predict=predict, restore=restore, keep=keep, bend=bend, coriolis=coriolis)

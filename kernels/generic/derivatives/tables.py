@@ -48,7 +48,7 @@ class Slopes:
     answer: wp.array2d(dtype=WORK)  # (nv) M^-1 J_i' by dof
     of_body: wp.array2d(dtype=OfBody)  # by entries of the bodies' chains
     acceleration: wp.array2d(dtype=Pair)  # (nb)
-    of_turn: wp.array2d(dtype=Share)  # by entries of the bodies' chains, of the leapfrog alone
+    of_coriolis: wp.array2d(dtype=Share)  # by entries of the bodies' chains, of the leapfrog alone
     ahead: wp.array2d(dtype=Lanes)  # (3 blocks) d of what it predicts, by parts of LANES columns
     of_spring: wp.array2d(dtype=OfSpring)
     pull: wp.array2d(dtype=Lanes)  # (springs) G and its slopes
@@ -153,7 +153,7 @@ def lengths(s: Structure, leapfrog: bool = False) -> dict[str, tuple[int, Any]]:
         **dict.fromkeys(("velocity", "change", "answer"), (s.nv, WORK)),
         "of_body": (len(lists["chain"]), OfBody),
         "acceleration": (s.nb, Pair),
-        "of_turn": (len(lists["chain"]) * leapfrog, Share),
+        "of_coriolis": (len(lists["chain"]) * leapfrog, Share),
         "ahead": (3 * sizes.blocks * parts * leapfrog, Lanes),
         "of_spring": (len(found["spring_dof"]), OfSpring),
         "pull": (len(s.springs), Lanes),

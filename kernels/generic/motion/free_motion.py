@@ -30,9 +30,9 @@ def make_free_motion(given: type) -> wp.Function:
             env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, 0, t.blocks)
 
     @wp.func(inline=False)
-    def whirl(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
-        """What turning adds to the acceleration of a body's centre of mass at the predicted velocities beyond
-        what it adds at v; the centre's columns.
+    def coriolis(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
+        """The Coriolis acceleration of a body's centre of mass at the predicted velocities, less that at v;
+        the centre's columns.
         """
         cx = number(t, k, COM, 2 * i)
         cy = number(t, k, COM, 2 * i + 1)
@@ -75,12 +75,12 @@ def make_free_motion(given: type) -> wp.Function:
 
     @wp.func(inline=False)
     def leap(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """From where Euler's step leads to where the mean of the forces of turning does."""
+        """From where Euler's step leads to where the mean of the Coriolis forces does."""
         for i in range(t.blocks):
             k.vfree[t.blocks + i] = k.vfree[i]
             k.move[i] = V3()
         for i in range(t.nb):
-            force = -HALF * number(t, k, MASS, i) * whirl(t, k, i)
+            force = -HALF * number(t, k, MASS, i) * coriolis(t, k, i)
             for at in range(t.chain_start[i], t.chain_start[i + 1]):
                 j = t.chain[at]
                 b = t.dof_block[j]

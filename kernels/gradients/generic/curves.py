@@ -22,7 +22,7 @@ class Curves:
     by_state: wp.array2d(dtype=WORK)  # (2 nv) differences of slopes of L
     by_move: wp.array2d(dtype=WORK)  # (nv)
     by_lead: wp.array2d(dtype=WORK)  # (nv) of what the leapfrog predicts
-    turning: wp.array3d(dtype=WORK)  # (nv, nv) second derivatives of forces of turning
+    coriolis: wp.array3d(dtype=WORK)  # (nv, nv) second derivatives of these forces
     by_root: wp.array2d(dtype=WORK)  # (rows)
     cross: wp.array2d(dtype=WORK)  # (n_s)
     found: wp.array3d(dtype=WORK)  # (n_s, n_s)
@@ -38,7 +38,7 @@ def lengths(s: Structure) -> dict[str, tuple[int, ...]]:
         "by_state": (2 * s.nv,),
         "by_move": (s.nv,),
         "by_lead": (s.nv,),
-        "turning": (s.nv, s.nv),
+        "coriolis": (s.nv, s.nv),
         "found": (width, width),
         "cross": (width,),
     }

@@ -22,11 +22,11 @@ from ...generic.topology import CONTACT, TURN, Topology, place
 from ...generic.work import LANES, ROWS, SETTLED, WORK, Slot
 from ...residual.smoothing import make_smoothing
 from ...structure import WORLD
+from .coriolis import make_coriolis
 from .curves import Curves
 from .room import OLD, Room, View
 from .spans import make_spans
 from .step import make_step_adjoint
-from .whirls import make_whirls
 
 STEP = 2.0**-21  # of a radian or of a length of the scene, times the root of how many of these q is
 PART = 1e-3  # of a spring's length now, rounded at zero: no step is longer
@@ -45,7 +45,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     rows_of = make_row_slopes(given, residual) if contacts else None
     system = make_system(given, residual) if contacts else None
     bend = None if hard or not contacts else make_smoothing(WORK, residual).bend
-    dual, env, whirls = adjoint.dual, make_envelope(), make_whirls(given, residual)
+    dual, env, coriolis = adjoint.dual, make_envelope(), make_coriolis(given, residual)
     number = make_mechanism(given).number
     spans, LONG = make_spans(given, False), WORK(PART / STEP)
     RADIUS, OFFSET, LENGTH = (COLUMN[name] for name in ("radius", "shape_offset", "spring_length"))
@@ -194,7 +194,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
         if t.leapfrog == 1:
             for j in range(t.nv):
                 for i in range(width):
-                    e.cross[b, i] = e.cross[b, i] + e.by_lead[b, j] * whirls.ahead(t, room, b, j, i)
+                    e.cross[b, i] = e.cross[b, i] + e.by_lead[b, j] * coriolis.ahead(t, room, b, j, i)
         for n_th in range(n):
             by = e.by_root[b, n_th]
             if by != ZERO:
@@ -322,9 +322,9 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             follow(t, k, g, room, b, n, -1)
         configure(t, k, room, w, e, b, n, external, world)
         adjoint.rates(t, k, w)
-        whirls.of_velocities(t, k, w, e, b)
+        coriolis.of_velocities(t, k, w, e, b)
         if t.leapfrog == 1:
-            whirls.of_predicted(t, k, room, w, e, b)
+            coriolis.of_predicted(t, k, room, w, e, b)
         total = ZERO + ZERO
         for i in range(width):
             for j in range(width):

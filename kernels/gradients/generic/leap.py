@@ -1,8 +1,8 @@
 """What the leapfrog (M63) adds to an adjoint step.
 
-Half of its forces of turning are those at the velocities p where Euler's step leads. So the weighed equations
+Half of its Coriolis forces are those at the velocities p where Euler's step leads. So the weighed equations
 are P.F1 + rho.F2 + P0.F0, with F0 = N (p - v) - h (r + u), Euler's step without contact, and P0 such that the
-sum does not change with p: N P0 = -h/2 d(P.C(p))/dp.
+sum does not change with p: N P0 = -h/2 d(P.Gamma(p))/dp.
 """
 
 from types import SimpleNamespace
@@ -23,7 +23,7 @@ REFINEMENTS = 2
 @cached
 def make_leap(given: type, residual: str, graded: bool) -> SimpleNamespace:
     """predicted(t, k, w, external, world, fixed): adds what p brings to the slopes by q and v and, if
-    `graded`, by the parameters; w.lead = P0, unless it is `fixed`, and w.by_lead = h/2 d(P.C(p))/dp.
+    `graded`, by the parameters; w.lead = P0, unless it is `fixed`, and w.by_lead = h/2 d(P.Gamma(p))/dp.
     joined(t, w): P + P0 for the rates P, which controls are felt by. swap(t, k, w), take(t, w): p in the
     place of v, and v in its own again, with the slopes by p in w.by_lead.
     """

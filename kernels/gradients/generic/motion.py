@@ -22,7 +22,7 @@ from .twists import make_twists, turned, twist
 
 @cached
 def make_motion(given: type, graded: bool) -> SimpleNamespace:
-    """body(..., i, force, share, whole), a share of its forces of turning and one of all else, joints(...),
+    """body(..., i, force, share, whole), a share of its Coriolis forces and one of all else, joints(...),
     spring(..., i) add the parts of the motion; row_part(..., group, kappa) that of a row whose m is in the
     rates ROW.
     """

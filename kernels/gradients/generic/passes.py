@@ -14,8 +14,8 @@ from .room import ROW, View
 @cached
 def make_passes(given: type, graded: bool) -> SimpleNamespace:
     """rise(t, k, w): twists of all rates but a row's, no slopes yet. bodies(t, k, w, share, whole, external,
-    world), of forces of turning and of all else. fall(t, k, w). turn(t, k, w, share): all three, of forces of
-    turning alone: adds slopes by q, and to w.by_v those by the rates that are in the place of v.
+    world), of Coriolis forces and of all else. fall(t, k, w). turn(t, k, w, share): all three, of Coriolis
+    forces alone: adds slopes by q, and to w.by_v those by the rates that are in the place of v.
     """
     motion = make_motion(given, graded)
     move = motion.twists

@@ -27,8 +27,8 @@ from .solved import make_solved
 def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespace:
     """solve(..., x, u): the step anew, 1 if it is solved. pull(...): from w.weight, of the state after it,
     slopes by q and v (w.by_q, w.by_v) and, if `graded`, by the parameters (added to w.grad), 1 if these hold:
-    `aim`, P and rho, then `slopes`; turning(..., share): slopes by v (w.by_v) of forces of
-    turning. control(..., i, u): that by a control.
+    `aim`, P and rho, then `slopes`; coriolis(..., share): slopes by v (w.by_v) of Coriolis
+    forces. control(..., i, u): that by a control.
     """
     step, z = make_step(given, residual), make_solved(given, graded)
     contact = residual != "none"
@@ -78,7 +78,7 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
             w.by_v[j] = ZERO
         add(t, w, H, 0, by_h)
         z.rates(t, k, w)
-        share = ZERO + ONE  # of the forces of turning, those at v
+        share = ZERO + ONE  # of the Coriolis forces, those at v
         if t.leapfrog == 1:
             leap.predicted(t, k, w, external, world, fixed)
             z.rates(t, k, w)
@@ -95,7 +95,7 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
             leap.joined(t, w)
 
     @wp.func
-    def turning(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], share: WORK):
+    def coriolis(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], share: WORK):
         """At the rates that are there, of a share."""
         for j in range(t.nv):
             w.by_v[j] = ZERO
@@ -118,7 +118,7 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
         aim=aim,
         slopes=slopes,
         pull=pull,
-        turning=turning,
+        coriolis=coriolis,
         leap=leap,
         control=motion.control,
         dual=dual,

@@ -300,7 +300,7 @@ def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
     """By how much a step adds kinetic energy where it must not. Hard contact whose rows are all open, or
     closed without overlap: v' is a projection of v_free (Anitescu), or friction and normal both oppose it
     (Coulomb). Dampers, where nothing touches: against the velocity without them, unless the scene wants
-    them explicit, or the leapfrog's forces of turning hang on them. Energy is v' M v/2, with implicit
+    them explicit, or the leapfrog's Coriolis forces hang on them. Energy is v' M v/2, with implicit
     stiffness of M + h^2/2 K.
     """
     truth, none = p.truth, np.zeros(len(v1))

@@ -1,4 +1,4 @@
-"""The leapfrog's free motion: half of the forces of turning are those where Euler's step leads."""
+"""The leapfrog's free motion: half of the Coriolis forces are those where Euler's step leads."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Second derivatives of the generic step's forces of turning, which are quadratic in velocities."""
+"""Second derivatives of the generic step's Coriolis forces, which are quadratic in velocities."""
 
 from types import SimpleNamespace
 
@@ -13,7 +13,7 @@ from .step import make_step_adjoint
 
 
 @cached
-def make_whirls(given: type, residual: str) -> SimpleNamespace:
+def make_coriolis(given: type, residual: str) -> SimpleNamespace:
     """of_velocities(t, k, w, e, b), of_predicted(t, k, room, w, e, b): add to e.found, at the rates and P
     that are there, what is quadratic in v, and in what the leapfrog predicts. ahead(t, room, b, j, column).
     """
@@ -28,18 +28,18 @@ def make_whirls(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def bent(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], e: Curves, b: int, share: WORK):
-        """Into e.turning second derivatives of forces of turning under the rates in the place of v: their
+        """Into e.coriolis second derivatives of Coriolis forces under the rates in the place of v: their
         slopes' differences are exact, whatever their size.
         """
         for c in range(t.nv + 1):  # at v itself, then with one of it greater by 1
             at = wp.static(OLD) * t.nv + wp.max(c - 1, 0)
             v = w.rates[at] + ZERO
             w.rates[at] = v + wp.where(c > 0, ONE, ZERO)
-            adjoint.turning(t, k, w, share)
+            adjoint.coriolis(t, k, w, share)
             w.rates[at] = v
             for j in range(t.nv):
                 if c > 0:
-                    e.turning[b, j, c - 1] = w.by_v[j] - e.by_move[b, j]
+                    e.coriolis[b, j, c - 1] = w.by_v[j] - e.by_move[b, j]
                 else:
                     e.by_move[b, j] = w.by_v[j]
 
@@ -47,7 +47,7 @@ def make_whirls(given: type, residual: str) -> SimpleNamespace:
     def of_velocities(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], e: Curves, b: int):
         """The bodies' part is quadratic in v."""
         share = ZERO + ONE
-        if t.leapfrog == 1:  # half of what turns is P's, of Euler's step all that is P0's
+        if t.leapfrog == 1:  # half of these forces is P's, of Euler's step all is P0's
             share = HALF
             for j in range(t.nv):
                 at = wp.static(DUAL) * t.nv + j
@@ -55,7 +55,7 @@ def make_whirls(given: type, residual: str) -> SimpleNamespace:
         bent(t, k, w, e, b, share)
         for i in range(t.nv):
             for j in range(t.nv):
-                own = HALF * (e.turning[b, i, j] + e.turning[b, j, i])
+                own = HALF * (e.coriolis[b, i, j] + e.coriolis[b, j, i])
                 e.found[b, t.nv + i, t.nv + j] = e.found[b, t.nv + i, t.nv + j] + own
 
     @wp.func(inline=False)
@@ -72,7 +72,7 @@ def make_whirls(given: type, residual: str) -> SimpleNamespace:
             for c in range(width):
                 e.cross[b, c] = ZERO
             for j in range(t.nv):
-                own = HALF * (e.turning[b, i, j] + e.turning[b, j, i])
+                own = HALF * (e.coriolis[b, i, j] + e.coriolis[b, j, i])
                 for c in range(width):
                     e.cross[b, c] = e.cross[b, c] + own * ahead(t, room, b, j, c)
             for r in range(width):
