@@ -1,10 +1,12 @@
 """Costs as sums of terms, some of points of bodies: a coordinate in the world, or less that of another point.
 
 Weights are those of `cost_terms.py`; with c = nx + max(nu, 1) components c + 2 p and c + 2 p + 1 are x and
-y of point p, and what is taken off is another such. After the terms come the points, POINT numbers each:
-the place of its first link, how many links there are from the world on, where it is in the last body. Then
-the links, LINK numbers each: the joint (of `JOINT`), its first degree of freedom, anchor, angle, axis. The
-last weight is the number of terms. Derivatives are those of (M52).
+y of point p, and what is taken off is another such. A point is a weighed sum of points of bodies, one, or
+the centres of mass of several. After the terms come the points, POINT numbers each: the place of its first
+part, and how many there are. Then all parts, PART numbers each: its weight, the place of its first link, how
+many links there are from the world on, where it is in the last body. Then the links, LINK numbers each: the
+joint (of `JOINT`), its first degree of freedom, anchor, angle, axis. The last weight is the number of terms.
+Derivatives are those of (M52).
 """
 
 from types import SimpleNamespace
@@ -16,13 +18,15 @@ from ..generic.topology import JOINT
 from .cost_terms import FIELDS, TIMED, make_sum
 
 PRISMATIC, FREE = JOINT["prismatic"], JOINT["free"]
-POINT, LINK = 4, 7
+POINT, PART, LINK = 2, 5, 7
 
 
 @cached
 def make_reach(dtype, VX, fields=FIELDS):
-    """Struct `Reach`; ``reach(weights, row, which, x)``: coordinate `which`, 2 p or 2 p + 1, of the points in
-    weights of so many numbers a term; ``terms_of(weights, row)``: how many terms there are.
+    """Struct `Reach`; of coordinate `which`, 2 p or 2 p + 1, of the points in weights of so many numbers a
+    term: ``parts(weights, row, which)``: where its first part is, and how many; ``reach(weights, row, part,
+    which, x)`` of one of them, ``value(weights, row, which, x)`` of all; ``terms_of(weights, row)``: how many
+    terms there are.
     """
     nx = VX._length_
     V2 = wp.types.vector(2, dtype)
@@ -46,12 +50,14 @@ def make_reach(dtype, VX, fields=FIELDS):
         return V2(c * x - s * y, s * x + c * y)
 
     @wp.func
-    def reach(weights: wp.array2d(dtype=dtype), row: int, which: int, x: VX):
-        point = which / 2
-        points = 1 + fields * terms_of(weights, row)
-        first = points + POINT * point
-        link = int(weights[row, first])
-        count = int(weights[row, first + 1])
+    def parts(weights: wp.array2d(dtype=dtype), row: int, which: int):
+        first = 1 + fields * terms_of(weights, row) + POINT * (which / 2)
+        return int(weights[row, first]), int(weights[row, first + 1])
+
+    @wp.func
+    def reach(weights: wp.array2d(dtype=dtype), row: int, part: int, which: int, x: VX):
+        link = int(weights[row, part + 1])
+        count = int(weights[row, part + 2])
         out = Reach()
         jx, jy, ox, oy = VX(), VX(), VX(), VX()
         place = V2()
@@ -81,7 +87,7 @@ def make_reach(dtype, VX, fields=FIELDS):
                 oy[turn] = place[1]
                 angle += x[turn]
             link += wp.static(LINK)
-        place += turned(wp.cos(angle), wp.sin(angle), weights[row, first + 2], weights[row, first + 3])
+        place += turned(wp.cos(angle), wp.sin(angle), weights[row, part + 3], weights[row, part + 4])
         for j in range(nx):
             if out.turns[j] > ZERO:
                 jx[j] = oy[j] - place[1]
@@ -96,7 +102,16 @@ def make_reach(dtype, VX, fields=FIELDS):
             out.across = jx
         return out
 
-    return SimpleNamespace(Reach=Reach, reach=reach, terms_of=terms_of)
+    @wp.func
+    def value(weights: wp.array2d(dtype=dtype), row: int, which: int, x: VX):
+        first, count = parts(weights, row, which)
+        out = dtype(0.0)
+        for i in range(count):
+            part = first + wp.static(PART) * i
+            out += weights[row, part] * reach(weights, row, part, which, x).value
+        return out
+
+    return SimpleNamespace(parts=parts, reach=reach, value=value, terms_of=terms_of)
 
 
 @cached
@@ -111,40 +126,53 @@ def make_points(dtype, VX, VU, fields=FIELDS):
     ZERO = dtype(0.0)
     BEGIN = nx + VU._length_
     points = make_reach(dtype, VX, fields)
-    Reach, reach = points.Reach, points.reach
-
-    @wp.func
-    def other(weights: wp.array2d(dtype=dtype), row: int, less: int, x: VX):
-        """What is taken off."""
-        if less >= 0:
-            return reach(weights, row, less - wp.static(BEGIN), x)
-        return Reach()
+    reach, parts = points.reach, points.parts
 
     @wp.func
     def value(weights: wp.array2d(dtype=dtype), row: int, which: int, less: int, x: VX):
-        return reach(weights, row, which, x).value - other(weights, row, less, x).value
+        out = points.value(weights, row, which, x)
+        if less >= 0:
+            out -= points.value(weights, row, less - wp.static(BEGIN), x)
+        return out
 
     @wp.func
-    def bend(r: Reach, slope: dtype, lxx: MXX):
+    def slope_of(weights: wp.array2d(dtype=dtype), row: int, which: int, x: VX):
+        first, count = parts(weights, row, which)
+        out = VX()
+        for i in range(count):
+            part = first + wp.static(PART) * i
+            out += weights[row, part] * reach(weights, row, part, which, x).slope
+        return out
+
+    @wp.func
+    def bend(weights: wp.array2d(dtype=dtype), row: int, which: int, x: VX, slope: dtype, lxx: MXX):
         """lxx and the slope of a term times the second derivatives of a point's coordinate (M52)."""
+        first, count = parts(weights, row, which)
         out = lxx
-        for i in range(nx):
-            if r.turns[i] > ZERO:
-                for j in range(i, nx):
-                    part = slope * r.across[j]
-                    out[i, j] = out[i, j] + part
-                    if i != j:
-                        out[j, i] = out[j, i] + part
+        for one in range(count):
+            at = first + wp.static(PART) * one
+            r = reach(weights, row, at, which, x)
+            share = slope * weights[row, at]
+            for i in range(nx):
+                if r.turns[i] > ZERO:
+                    for j in range(i, nx):
+                        part = share * r.across[j]
+                        out[i, j] = out[i, j] + part
+                        if i != j:
+                            out[j, i] = out[j, i] + part
         return out
 
     @wp.func
     def add_slopes(
         weights: wp.array2d(dtype=dtype), row: int, which: int, less: int, x: VX, t: V3, lx: VX, lxx: MXX
     ):
-        here, there = reach(weights, row, which, x), other(weights, row, less, x)
-        slope = here.slope - there.slope
-        bent = bend(here, t[1], lxx + t[2] * wp.outer(slope, slope))
-        return lx + t[1] * slope, bend(there, -t[1], bent)
+        slope = slope_of(weights, row, which, x)
+        if less >= 0:
+            slope -= slope_of(weights, row, less - wp.static(BEGIN), x)
+        bent = bend(weights, row, which, x, t[1], lxx + t[2] * wp.outer(slope, slope))
+        if less >= 0:
+            bent = bend(weights, row, less - wp.static(BEGIN), x, -t[1], bent)
+        return lx + t[1] * slope, bent
 
     return SimpleNamespace(value=value, add_slopes=add_slopes, terms_of=points.terms_of)
 

@@ -97,14 +97,14 @@ def make_measures(
     Contacts = contacts.Contacts
     ZERO, ONE = wp.float64(0.0), wp.float64(1.0)
     EPS, PART = wp.float64(ROUNDING), wp.float64(SINGLE)
-    reach = make_reach(dtype, VX).reach if users.points else None
+    place = make_reach(dtype, VX).value if users.points else None
     user, price = chained(users.functions, VX, VU), make_price(users.cost, VX, VU, dtype)
 
     @wp.func
     def coordinate(m: Measures, which: int, x: VX):
         """Of a point of a body."""
         if wp.static(users.points):
-            return wp.float64(reach(m.points, 0, which, x).value)
+            return wp.float64(place(m.points, 0, which, x))
         return ZERO
 
     @wp.func

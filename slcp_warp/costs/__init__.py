@@ -2,7 +2,7 @@
 
 from slcp_warp.kernels.control.costs import CostFunctions
 
-from ..description.points import Point, position
+from ..description.points import Point, centre_of_mass, position
 from .cost import Cost, plain, quadratic
 from .terms import NO_COST, Term, effort, terms
 
@@ -12,6 +12,7 @@ __all__ = [
     "CostFunctions",
     "Point",
     "Term",
+    "centre_of_mass",
     "effort",
     "plain",
     "position",

@@ -1,10 +1,11 @@
 """Measures, conditions and success as the data of a file.
 
 A signal is a state's name, or a table {kind, which, minus, axis, since_start, absolute} of the fields of
-`slcp_warp.measures`, in which a point is a table {body, at}. A condition compares one: {of = SIGNAL, above =
-1.0}, with above, below or between = [low, high]; lists of them are joined by {all = [...]} and {any = [...]}.
-A measure is {reduction, of, start, end, where}, the last a condition. A success compares measures in the same
-way: {measure = NAME, between = [0, 1]}, or {reduction = "final", of = "block.x", between = [0, 1]}.
+`slcp_warp.measures`, in which a point is a table {body, at}, and a centre of mass one with at = "centre of
+mass" and names of bodies. A condition compares one: {of = SIGNAL, above = 1.0}, with above, below or between
+= [low, high]; lists of them are joined by {all = [...]} and {any = [...]}. A measure is {reduction, of,
+start, end, where}, the last a condition. A success compares measures in the same way: {measure = NAME,
+between = [0, 1]}, or {reduction = "final", of = "block.x", between = [0, 1]}.
 """
 
 from collections.abc import Callable, Mapping
@@ -66,10 +67,17 @@ def signal_content(signal: Signal) -> Any:
         return signal.which
     fields = {name: getattr(signal, name) for name in SIGNAL_FIELDS}
     return {
-        name: {"body": value.body, "at": list(value.at)} if isinstance(value, Point) else value
+        name: _point_content(value) if isinstance(value, Point) else value
         for name, value in fields.items()
         if value is not None and value is not False
     }
+
+
+def _point_content(point: Point) -> dict[str, Any]:
+    """A point as data."""
+    body = list(point.body) if isinstance(point.body, tuple) else point.body
+    at = point.at if isinstance(point.at, str) else list(point.at)
+    return {name: value for name, value in (("body", body), ("at", at)) if value is not None}
 
 
 def _point(value: Any, where: str) -> Any:

@@ -11,7 +11,7 @@ from test_costs import evaluate
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.costs import Point, Term
+from slcp_warp.costs import Point, Term, centre_of_mass
 
 KINDS = ("linear", "square", "cosine", "absolute", "above", "below")
 
@@ -33,9 +33,14 @@ def oracle_of(scene):
 
 def places(scene, point, q):
     """(..., 2) by the oracle's frames."""
+    names = [body.name for body in scene.bodies]
+    if point.of_mass:
+        chosen = (point.body,) if isinstance(point.body, str) else point.body or names
+        bodies = [scene.bodies[names.index(name)] for name in chosen]
+        parts = [b.mass * places(scene, Point(b.name, b.com), q) for b in bodies]
+        return sum(parts) / sum(b.mass for b in bodies)
     if point.body is None:
         return np.broadcast_to(point.at, (*q.shape[:-1], 2))
-    names = [body.name for body in scene.bodies]
     return oracle_of(scene).point(q, names.index(point.body), np.array(point.at))
 
 
@@ -44,7 +49,8 @@ def test_values_and_derivatives(scene):
     rng = np.random.default_rng(5)
     tip, other = Point(scene.bodies[-1].name, (0.3, -0.2)), Point(scene.bodies[1].name, (0.1, 0.4))
     ground = Point(None, (0.7, -0.1))
-    of = [(tip, None), (tip, other), (other, ground), (ground, tip)]
+    every, two = centre_of_mass(), centre_of_mass(scene.bodies[-1].name, scene.bodies[0].name)
+    of = [(tip, None), (tip, other), (every, two), (ground, every)]
     group = [
         Term(kind, 0.5 + i, point=a, minus=b, axis=axis, target=0.1 * i, width=0.3)
         for i, kind in enumerate(KINDS) for (a, b), axis in zip(of, ("x", "y", None, None))
@@ -129,6 +135,21 @@ def test_a_finger_reaches_a_mark(dtype):
     np.testing.assert_allclose(where, places(task.scene, tip, found.xs[:, :2]), atol=1e-6)
 
 
+def test_a_centre_of_mass_is_planned_for():
+    """Where `slcp.momentum` says it is; to the mark that the arm can bring it to."""
+    task, _ = reaching()
+    mark = slcp.costs.position(task.scene, centre_of_mass(), np.array([0.7, 0.9, 0.0, 0.0]))
+    rest = [Term("square", 1.0, state=name) for name in ("upper.vangle", "fore.vangle")]
+    final = [Term("square", 500.0, point=centre_of_mass(), target=tuple(mark)), *rest]
+    task = task.replace(cost=slcp.costs.terms(task.scene, [slcp.costs.effort(1e-4)], final))
+    sim = task.simulator(device="cpu", dtype="float64")
+    found = ddp.solve(ddp.problem_of(task, sim), task.start[0])
+    assert found.status in (ddp.Status.CONVERGED, ddp.Status.SMALL_IMPROVEMENT)
+    place = slcp.momentum(found.xs, sim.params).place
+    np.testing.assert_allclose(place[-1], mark, atol=5e-3)
+    np.testing.assert_allclose(slcp.costs.position(task.scene, centre_of_mass(), found.xs), place, atol=1e-12)
+
+
 def test_a_cost_of_points_is_kept_in_a_file(tmp_path):
     task, _ = reaching()
     cost = slcp.costs.terms(
@@ -137,6 +158,7 @@ def test_a_cost_of_points_is_kept_in_a_file(tmp_path):
         [
             Term("square", 3.0, point=Point("fore", (0.4, 0.0)), target=(0.3, 0.6)),
             Term("square", 3.0, point=Point(), minus=Point(None, (0.0, 0.2))),
+            Term("absolute", 1.0, point=centre_of_mass(), minus=centre_of_mass("fore", "upper"), axis="y"),
         ],
     )
     path = tmp_path / "task.json"
@@ -176,7 +198,12 @@ def test_a_task_of_another_scene_has_its_lengths():
     (lambda s: Term("square", 1.0, point=Point("fore"), target=(1.0, 2.0, 3.0)), "Term.target has shape"),
     (lambda s: Term("square", 1.0, point=Point("fore"), axis="x", target=(1.0, 2.0)), "Term.target"),
     (lambda s: Point("fore", (1.0, np.nan)), "Point.at"),
-    (lambda s: Point(3), "Point.body is 3"),
+    (lambda s: Point(3), "Point.body is 3; the name of a body or None"),
+    (lambda s: Point(("fore", "upper")), "Point.body is .* the name of a body or None"),
+    (lambda s: Point("fore", "tip"), "Point.at is 'tip'; .x, y., or 'centre of mass'"),
+    (lambda s: centre_of_mass("fore", 1), "Point.body is .* names of bodies are needed"),
+    (lambda s: centre_of_mass("fore", "fore"), "each body once"),
+    (lambda s: slcp.costs.terms(s, [Term("square", 1.0, point=centre_of_mass("hand"))]), "is 'hand'"),
     (lambda s: slcp.costs.terms(s, [Term("square", 1.0, point=Point("hand"))]), "Point.body is 'hand'"),
     (lambda s: slcp.costs.position(s, Point("fore"), np.zeros(3)), r"states has shape \(3,\)"),
 ])  # fmt: skip

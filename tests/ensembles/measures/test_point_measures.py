@@ -6,9 +6,10 @@ from oracle import Oracle
 
 import slcp_warp as slcp
 from slcp_warp import measures
-from slcp_warp.costs import Point
+from slcp_warp.costs import Point, centre_of_mass
 
 TIP, MARK, BALL = Point("fore", (0.4, 0.1)), Point(None, (0.3, 0.6)), Point("ball", (0.0, 0.05))
+ARM = centre_of_mass("upper", "fore")
 
 
 def task():
@@ -32,6 +33,7 @@ def task():
             "rise": measures.change(measures.point(BALL, "y")),
             "nearest": measures.smallest(measures.distance(TIP, BALL)),
             "reach": measures.mean(measures.distance(TIP, MARK)),
+            "middle": measures.largest(measures.point(ARM, "x", minus=centre_of_mass())),
         },
         success=measures.smallest(measures.distance(TIP, BALL)) < 0.3,
     )
@@ -42,11 +44,14 @@ def expected(scene, states):
     oracle, q = Oracle(scene), states[..., : scene.nv]
     tip, ball = oracle.point(q, 1, np.array(TIP.at)), oracle.point(q, 2, np.array(BALL.at))
     near = np.linalg.norm(tip - ball, axis=-1)
+    mass, com = ([getattr(body, name) for body in scene.bodies] for name in ("mass", "com"))
+    moments = [mass[b] * oracle.point(q, b, np.array(com[b])) for b in range(3)]
+    middle = sum(moments[:2]) / sum(mass[:2]) - sum(moments) / sum(mass)
     return {
         "height": tip[..., 1].max(1), "ahead": (tip - ball)[:, -1, 0], "nearest": near.min(1),
         "rise": ball[:, -1, 1] - ball[:, 0, 1],
         "reach": np.linalg.norm(tip - MARK.at, axis=-1)[:, :-1].mean(1),
-        "success": near.min(1) < 0.3,
+        "success": near.min(1) < 0.3, "middle": middle[..., 0].max(1),
     }  # fmt: skip
 
 
