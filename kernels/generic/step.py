@@ -35,7 +35,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
     dtype = WORK
     mech = make_mechanism(given)
-    free_motion = make_free_motion(given)
+    motion = make_free_motion(given)
     contact = make_contact(given, residual) if residual != "none" else None
     beside = make_beside(given)
     settle = make_island(given, residual) if residual != "none" else None
@@ -206,14 +206,48 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return int(wp.static(SOLVED))
 
     @wp.func
+    def touching(t: wp.ref[Topology], k: wp.ref[Slot], first: int, last: int):
+        """Euler's part (0) of a step and the leapfrog's (1), from one to another; k.v = v', the status."""
+        status = int(wp.static(SOLVED))
+        for part in range(first, last + 1):
+            changed = int(1)
+            if part == 0:
+                motion.euler(t, k)
+                for i in range(t.blocks):
+                    k.v[i] = k.vfree[i]
+            elif status == wp.static(SOLVED):
+                changed = motion.leap_on(t, k)
+            if changed == 1 and status == wp.static(SOLVED):
+                status = given_numbers(t, k)
+                if status == wp.static(SOLVED):
+                    status = contacts_or_afresh(t, k)
+        return status
+
+    @wp.func
+    def free(t: wp.ref[Topology], k: wp.ref[Slot], first: int, last: int):
+        """The same where nothing touches."""
+        if first == 0:
+            motion.euler(t, k)
+        if last == 1:
+            motion.leap(t, k)
+        for i in range(t.blocks):
+            k.v[i] = k.vfree[i]
+        return int(wp.static(SOLVED))
+
+    solve = touching if residual != "none" else free
+
+    @wp.func
     def solve_step(t: wp.ref[Topology], k: wp.ref[Slot]):
         """k.v = v' and, on success, the next state in (k.q, k.v0); the status."""
-        free_motion(t, k)
         status = int(wp.static(SOLVED))
         if wp.static(residual != "none"):
-            status = given_numbers(t, k)
-            if status == wp.static(SOLVED):
-                status = contacts_or_afresh(t, k)
+            status = touching(t, k, 0, t.leapfrog)
+        else:
+            motion.euler(t, k)
+            if t.leapfrog == 1:
+                motion.leap(t, k)
+            for i in range(t.blocks):
+                k.v[i] = k.vfree[i]
         if status == wp.static(SOLVED):
             h = number(t, k, H, 0)
             for j in range(t.nv):
@@ -256,6 +290,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         forget=forget,
         recall=recall,
         begin=begin,
+        solve=solve,
         solve_step=solve_step,
         impulse=reported,
         far_gap=far_gap,

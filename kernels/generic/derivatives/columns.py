@@ -11,7 +11,7 @@ from ..topology import CONTACT, Topology, place
 from ..work import LANES, WORK, Lanes, Slot
 from .bodies import make_bodies
 from .gaps import limit_slope
-from .leap import WHOLE, make_leap
+from .leap import make_leap
 from .pairs import make_pair_slopes
 from .rows import make_row_slopes
 from .springs import make_spring_slopes
@@ -21,8 +21,8 @@ from .tables import Groups, Slopes
 
 @cached
 def make_columns(given: type, residual: str) -> SimpleNamespace:
-    """fill(t, k, g, d, b, n, pairs, first, stage): d.known and d.given for LANES columns of (q, v, u), from
-    `first` on; the stage as in `leap.py`.
+    """fill(t, k, g, d, b, n, pairs, first, leaps): d.known and d.given for LANES columns of (q, v, u), from
+    `first` on; `leaps`: 1 of a leapfrog's whole step.
     """
     dtype = WORK
     number = make_mechanism(given).number
@@ -274,9 +274,9 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def fill(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, n: int,
-        count: int, first: int, stage: int,
+        count: int, first: int, leaps: int,
     ):  # fmt: skip
-        share = wp.where(stage == wp.static(WHOLE), dtype(0.5), dtype(1.0))
+        share = wp.where(leaps == 1, dtype(0.5), dtype(1.0))
         for i in range(3 * t.blocks):
             d.known[b, i] = Lanes()
         for part in range(2):
@@ -291,7 +291,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                 lane = 2 * t.nv + i - first
                 if lane >= 0 and lane < COUNT:
                     of_control(t, d, k, b, i, lane)
-        if stage == wp.static(WHOLE):
+        if leaps == 1:
             leap.coriolis(t, k, d, b, first / COUNT)
         if wp.static(contacts):
             if first < t.nv:

@@ -10,12 +10,13 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ...status import NOT_CONVERGED, SOLVED
 from ..step import make_step
 from ..topology import Topology
 from ..work import GROUPS, LANES, WORK, Slot
 from .bodies import make_bodies
 from .columns import make_columns
-from .leap import PREDICTED, WHOLE, make_leap
+from .leap import make_leap
 from .rows import make_row_slopes
 from .springs import make_spring_slopes
 from .system import make_system
@@ -24,10 +25,12 @@ from .tables import Groups, Slopes
 
 @cached
 def make_expansion(given: type, residual: str) -> SimpleNamespace:
-    """start(t, k, params, world): numbers, no roots and no normals. solve(t, k, d, b, u, external, world) ->
-    status: a step from the state (k.q, k.v0) under controls u. prepare(t, k, g, d, b, external, world) ->
-    (acting rows, pairs): the parts of its derivatives and the factor; columns(t, k, g, d, b, n, pairs,
-    first): d.found = dv' by LANES of (q, v, u), 1 if it holds.
+    """start(t, k, params, world): numbers, no roots and no normals. solve(t, k, g, d, b, u, external, world)
+    -> status: a step from the state (k.q, k.v0) under controls u, a leapfrog's with d.ahead; euler(t, k, u,
+    external, world): Euler's part of it alone. prepare(t, k, g, d, b, external, world, leaps) -> (acting
+    rows, pairs): the parts of the derivatives of what is solved and the factor; columns(t, k, g, d, b, n,
+    pairs, first, leaps): d.found = dv' by LANES of (q, v, u), 1 if it holds. `leaps`: 1 of a leapfrog's
+    whole step.
     """
     dtype = WORK
     step = make_step(given, residual)
@@ -37,38 +40,7 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
     columns, system = make_columns(given, residual), make_system(given, residual)
 
     @wp.func
-    def solve(
-        t: wp.ref[Topology],
-        k: wp.ref[Slot],
-        d: Slopes,
-        b: int,
-        u: wp.array(dtype=given),
-        external: wp.array2d(dtype=given),
-        world: int,
-    ):
-        for j in range(t.nv):
-            d.change[b, j] = k.v0[j]
-        step.begin(t, k, external, world)
-        for i in range(t.nu):
-            step.control_force(t, k, i, dtype(u[i]))
-        return step.solve_step(t, k)
-
-    @wp.func(inline=False)
-    def predict(
-        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, external: wp.array2d(dtype=given),
-        world: int,
-    ):  # fmt: skip
-        """Of the leapfrog the derivatives of what it predicts, all columns."""
-        leap.predict(t, k, d, b)
-        bodies.prepare(t, k, d, b, external, world)
-        springs.prepare(t, k, g, d, b)
-        for part in range((2 * t.nv + t.nu + LANES - 1) / LANES):
-            columns.fill(t, k, g, d, b, 0, 0, part * LANES, wp.static(PREDICTED))
-            leap.keep(t, k, d, b, part)
-        leap.restore(t, k, d, b)
-
-    @wp.func
-    def prepare(
+    def ready(
         t: wp.ref[Topology],
         k: wp.ref[Slot],
         g: Groups,
@@ -76,14 +48,13 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
         b: int,
         external: wp.array2d(dtype=given),
         world: int,
+        leaps: int,
     ):
         for j in range(t.nv):
             d.velocity[b, j] = k.v0[j]
-            d.change[b, j] = k.v0[j] - d.change[b, j]
-        if t.leapfrog == 1:
-            predict(t, k, g, d, b, external, world)
+            d.change[b, j] = k.v0[j] - k.before[t.dof_block[j]][t.dof_part[j]]
         bodies.prepare(t, k, d, b, external, world)
-        if t.leapfrog == 1:
+        if leaps == 1:
             leap.bend(t, k, d, b)
         springs.prepare(t, k, g, d, b)
         n = int(0)
@@ -107,14 +78,88 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def columns_of(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, n: int,
-        pairs: int, first: int,
+        pairs: int, first: int, leaps: int,
     ):  # fmt: skip
-        columns.fill(t, k, g, d, b, n, pairs, first, wp.where(t.leapfrog == 1, wp.static(WHOLE), 0))
+        columns.fill(t, k, g, d, b, n, pairs, first, leaps)
         return system.solve(t, k, d, b, n)
+
+    @wp.func(inline=False)
+    def predicted(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, external: wp.array2d(dtype=given),
+        world: int,
+    ):  # fmt: skip
+        """The derivatives of Euler's part of a leapfrog's step into d.ahead, all columns; 1 if they hold."""
+        n, pairs = ready(t, k, g, d, b, external, world, 0)
+        for part in range((2 * t.nv + t.nu + LANES - 1) / LANES):
+            if columns_of(t, k, g, d, b, n, pairs, part * LANES, 0) == 0:
+                return int(0)
+            for i in range(3 * t.blocks):
+                d.ahead[b, part * 3 * t.blocks + i] = d.found[b, i]
+        return int(1)
+
+    @wp.func
+    def ended(t: wp.ref[Topology], k: wp.ref[Slot], back: int):
+        """k.v0 = v' of a part that is solved, or v again, of a step that goes on."""
+        for j in range(t.nv):
+            b = t.dof_block[j]
+            k.v0[j] = wp.where(back == 1, k.before[b][t.dof_part[j]], k.v[b][t.dof_part[j]])
+
+    @wp.func(inline=False)
+    def leapt(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, external: wp.array2d(dtype=given),
+        world: int,
+    ):  # fmt: skip
+        """A leapfrog's step, part by part."""
+        status = step.solve(t, k, 0, 0)
+        if status == wp.static(SOLVED):
+            ended(t, k, 0)
+            if predicted(t, k, g, d, b, external, world) == 0:
+                status = int(wp.static(NOT_CONVERGED))
+            ended(t, k, 1)
+        if status == wp.static(SOLVED):
+            status = step.solve(t, k, 1, 1)
+            ended(t, k, 0)
+        return status
+
+    @wp.func
+    def begin(
+        t: wp.ref[Topology], k: wp.ref[Slot], u: wp.array(dtype=given), external: wp.array2d(dtype=given),
+        world: int,
+    ):  # fmt: skip
+        step.begin(t, k, external, world)
+        for i in range(t.nu):
+            step.control_force(t, k, i, dtype(u[i]))
+
+    @wp.func
+    def solve(
+        t: wp.ref[Topology],
+        k: wp.ref[Slot],
+        g: Groups,
+        d: Slopes,
+        b: int,
+        u: wp.array(dtype=given),
+        external: wp.array2d(dtype=given),
+        world: int,
+    ):
+        begin(t, k, u, external, world)
+        if t.leapfrog == 1:
+            return leapt(t, k, g, d, b, external, world)
+        return step.solve_step(t, k)
+
+    @wp.func
+    def euler(
+        t: wp.ref[Topology], k: wp.ref[Slot], u: wp.array(dtype=given), external: wp.array2d(dtype=given),
+        world: int,
+    ):  # fmt: skip
+        begin(t, k, u, external, world)
+        status = step.solve(t, k, 0, 0)
+        ended(t, k, 0)
+        return status
 
     return SimpleNamespace(
         start=step.prepare,
         solve=solve,
-        prepare=prepare,
+        euler=euler,
+        prepare=ready,
         columns=columns_of,
     )

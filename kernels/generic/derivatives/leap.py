@@ -1,7 +1,7 @@
 """What the leapfrog (M63) adds to the derivatives of the equations of motion.
 
-Half of its Coriolis forces are those at the velocities p = v + h M^-1 (r(q, v) + u) where Euler's step
-leads: dp by the columns of (q, v, u) comes first, by the equation of that step alone.
+Half of its Coriolis forces are those at the velocities p where Euler's step leads, with contact: dp by the
+columns of (q, v, u), in d.ahead, comes first.
 """
 
 from types import SimpleNamespace
@@ -9,63 +9,24 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..linear.many import make_many
 from ..motion.mechanism import COLUMN, make_mechanism
 from ..topology import TURN, Topology
 from ..work import WORK, Lanes, Slot
 from .tables import Pair, Share, Slopes
 
-PREDICTED, WHOLE = 1, 2  # which equation columns are of: that of p, that of v'; 0: Euler's
-
 
 @cached
 def make_leap(given: type) -> SimpleNamespace:
-    """predict(t, k, d, b), restore(t, k, d, b): d.velocity and d.change of Euler's step, and of the whole one
-    again. keep(t, k, d, b, part): from d.known the columns of dp. bend(t, k, d, b): what `bodies.prepare`
-    made of Coriolis forces at v becomes that of the mean. coriolis(t, k, d, b, part): adds to d.known what
-    p's change makes of it.
+    """bend(t, k, d, b): what `bodies.prepare` made of Coriolis forces at v becomes that of the mean.
+    coriolis(t, k, d, b, part): adds to d.known what p's change makes of it.
     """
-    many = make_many()
     number = make_mechanism(given).number
     ZERO, TWO, HALF = WORK(0.0), WORK(2.0), WORK(0.5)
     H, MASS = COLUMN["step_size"], COLUMN["mass"]
-    REFINEMENTS = 2
 
     @wp.func
     def predicted(t: wp.ref[Topology], k: wp.ref[Slot], j: int):
         return k.vfree[t.blocks + t.dof_block[j]][t.dof_part[j]]
-
-    @wp.func
-    def predict(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int):
-        for j in range(t.nv):
-            v = d.velocity[b, j] - d.change[b, j]
-            d.velocity[b, j] = predicted(t, k, j)
-            d.change[b, j] = d.velocity[b, j] - v
-
-    @wp.func
-    def restore(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int):
-        for j in range(t.nv):
-            v = d.velocity[b, j] - d.change[b, j]
-            d.velocity[b, j] = k.v0[j]
-            d.change[b, j] = k.v0[j] - v
-
-    @wp.func(inline=False)
-    def keep(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, part: int):
-        known = d.known[b]
-        side = d.side[b]
-        first = part * 3 * t.blocks
-        for i in range(3 * t.blocks):
-            d.ahead[b, first + i] = Lanes()
-        for n in range(1 + REFINEMENTS):
-            for i in range(3 * t.blocks):
-                side[i] = known[i]
-                d.found[b, i] = d.ahead[b, first + i]
-            if n > 0:
-                many.take_momentum(t, k, d.found[b], side)
-            m = k.mass_factor
-            many.solve(m, m, t.mass_first, t.mass_at, t.block_id, side, 0, t.blocks)
-            for i in range(3 * t.blocks):
-                d.ahead[b, first + i] = d.ahead[b, first + i] + side[i]
 
     @wp.func
     def bend_chain(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, i: int, h: WORK):
@@ -140,4 +101,4 @@ def make_leap(given: type) -> SimpleNamespace:
                 e = d.of_body[b, at]
                 d.known[b, p] = d.known[b, p] + share * (e[0] * x + e[1] * y)
 
-    return SimpleNamespace(predict=predict, restore=restore, keep=keep, bend=bend, coriolis=coriolis)
+    return SimpleNamespace(bend=bend, coriolis=coriolis)

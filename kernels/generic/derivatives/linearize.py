@@ -83,12 +83,12 @@ def make_differentiate(given: type, residual: str) -> wp.Function:
     ):
         width = 2 * t.nv + t.nu
         writer.take(t, k, b, x)
-        status = expansion.solve(t, k, d, b, u, external, world)
+        status = expansion.solve(t, k, g, d, b, u, external, world)
         if status != wp.static(SOLVED):
             return status
-        n, pairs = expansion.prepare(t, k, g, d, b, external, world)
+        n, pairs = expansion.prepare(t, k, g, d, b, external, world, t.leapfrog)
         for part in range((width + COUNT - 1) / COUNT):
-            if expansion.columns(t, k, g, d, b, n, pairs, part * COUNT) == 0:
+            if expansion.columns(t, k, g, d, b, n, pairs, part * COUNT, t.leapfrog) == 0:
                 writer.clear(a, c)
                 return int(wp.static(NOT_CONVERGED))
             writer.write(t, d, k, b, part * COUNT, a, c)

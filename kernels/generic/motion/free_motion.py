@@ -1,5 +1,7 @@
 """Where a step's motion goes without contact: Euler's rule, or the leapfrog's (M63)."""
 
+from types import SimpleNamespace
+
 import warp as wp
 
 from ...factories import cached
@@ -11,8 +13,10 @@ from .mechanism import COLUMN, make_mechanism
 
 
 @cached
-def make_free_motion(given: type) -> wp.Function:
-    """free_motion(t, k): k.vfree and k.v from M, in k.mass, and the forces, in k.move."""
+def make_free_motion(given: type) -> SimpleNamespace:
+    """euler(t, k): k.vfree from M, in k.mass, and the forces, in k.move. leap(t, k) and leap_on(t, k): after
+    it, and after the step that it leads to.
+    """
     dtype = WORK
     mech = make_mechanism(given)
     number = mech.number
@@ -60,7 +64,7 @@ def make_free_motion(given: type) -> wp.Function:
 
     @wp.func(inline=False)
     def euler(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """k.vfree = v + h M^-1 (r + u)"""
+        """k.vfree and k.v = v + h M^-1 (r + u)"""
         for i in range(k.mass.shape[0]):
             k.mass_factor[i] = k.mass[i]
         env.factor(k.mass_factor, t.mass_first, t.mass_at, 0, t.blocks)
@@ -73,11 +77,10 @@ def make_free_motion(given: type) -> wp.Function:
         for i in range(t.blocks):
             k.vfree[i] = k.before[i] + h * k.move[i]
 
-    @wp.func(inline=False)
-    def leap(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """From where Euler's step leads to where the mean of the Coriolis forces does."""
+    @wp.func
+    def late(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """k.move: what half of the Coriolis forces at p is less than half of those at v."""
         for i in range(t.blocks):
-            k.vfree[t.blocks + i] = k.vfree[i]
             k.move[i] = V3()
         for i in range(t.nb):
             force = -HALF * number(t, k, MASS, i) * coriolis(t, k, i)
@@ -85,17 +88,34 @@ def make_free_motion(given: type) -> wp.Function:
                 j = t.chain[at]
                 b = t.dof_block[j]
                 k.move[b][t.dof_part[j]] = k.move[b][t.dof_part[j]] + wp.dot(k.column[j], force)
+
+    @wp.func(inline=False)
+    def leap(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """k.vfree of Euler's step, which touches nothing, becomes the leapfrog's; p is where that led."""
+        for i in range(t.blocks):
+            k.vfree[t.blocks + i] = k.vfree[i]
+        late(t, k)
         respond(t, k)
         h = number(t, k, H, 0)
         for i in range(t.blocks):
             k.vfree[i] = k.vfree[t.blocks + i] + h * k.move[i]
 
-    @wp.func
-    def free_motion(t: wp.ref[Topology], k: wp.ref[Slot]):
-        euler(t, k)
-        if t.leapfrog == 1:
-            leap(t, k)
+    @wp.func(inline=False)
+    def leap_on(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """The same of a step that ended at k.v, which is p; 0: nothing changes by it."""
         for i in range(t.blocks):
-            k.v[i] = k.vfree[i]
+            k.vfree[t.blocks + i] = k.v[i]
+            k.balance[i] = k.vfree[i]
+        late(t, k)
+        changed = int(0)
+        for i in range(t.blocks):
+            changed = wp.where(k.move[i] == V3(), changed, 1)
+        if changed == 1:
+            respond(t, k)
+            h = number(t, k, H, 0)
+            for i in range(t.blocks):
+                k.vfree[i] = k.balance[i] + h * k.move[i]
+                k.v[i] = k.vfree[i]
+        return changed
 
-    return free_motion
+    return SimpleNamespace(euler=euler, leap=leap, leap_on=leap_on)

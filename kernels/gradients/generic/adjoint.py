@@ -209,7 +209,7 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
             u = us[world, n]
             solved = back.solve(t, k, w, external, world, x, u) * is_the_step(t, k, states[world, n + 1])
             if solved == 1:
-                solved = back.pull(t, s, k, room, w, b, external, world)
+                solved = back.pull(t, s, k, room, w, b, external, world, u)
             if solved == 1:
                 hand_back(t, w, states_grad[world, n])
                 for i in range(t.nu):

@@ -8,17 +8,18 @@ from ...factories import cached
 from ...generic.topology import Topology, place
 from ...generic.work import LANES, WORK, Slot
 from .curves import Curves
-from .room import DUAL, OLD, Room, View
+from .room import OLD, Room, View
 from .step import make_step_adjoint
 
 
 @cached
 def make_coriolis(given: type, residual: str) -> SimpleNamespace:
-    """of_velocities(t, k, w, e, b), of_predicted(t, k, room, w, e, b): add to e.found, at the rates and P
-    that are there, what is quadratic in v, and in what the leapfrog predicts. ahead(t, room, b, j, column).
+    """of_velocities(t, k, w, e, b, leaps), of_predicted(t, k, room, w, e, b): add to e.found, at the rates
+    and P that are there, what is quadratic in v, and in what the leapfrog predicts. ahead(t, room, b, j,
+    column): dp/ds.
     """
     adjoint = make_step_adjoint(given, residual, False)
-    ZERO, ONE, TWO, HALF = WORK(0.0), WORK(1.0), WORK(2.0), WORK(0.5)
+    ZERO, ONE, HALF = WORK(0.0), WORK(1.0), WORK(0.5)
 
     @wp.func
     def ahead(t: wp.ref[Topology], room: wp.ref[Room], b: int, j: int, column: int):
@@ -44,14 +45,9 @@ def make_coriolis(given: type, residual: str) -> SimpleNamespace:
                     e.by_move[b, j] = w.by_v[j]
 
     @wp.func
-    def of_velocities(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], e: Curves, b: int):
-        """The bodies' part is quadratic in v."""
-        share = ZERO + ONE
-        if t.leapfrog == 1:  # half of these forces is P's, of Euler's step all is P0's
-            share = HALF
-            for j in range(t.nv):
-                at = wp.static(DUAL) * t.nv + j
-                w.rates[at] = w.rates[at] + TWO * w.lead[t.dof_block[j]][t.dof_part[j]]
+    def of_velocities(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], e: Curves, b: int, leaps: int):
+        """The bodies' part is quadratic in v; of a leapfrog's whole step half of it."""
+        share = wp.where(leaps == 1, HALF, ONE)
         bent(t, k, w, e, b, share)
         for i in range(t.nv):
             for j in range(t.nv):

@@ -38,10 +38,12 @@ def make_curvature_kernel(given: type, residual: str) -> wp.Kernel:
             w.weight[j] = wp.where(j == t.nv + output, ONE, ZERO)
 
     @wp.func
-    def write(e: Curves, b: int, out: wp.array2d(dtype=given), holds: int):
+    def write(e: Curves, b: int, out: wp.array2d(dtype=given), holds: int, more: int):
+        """e.found, or nothing where it does not hold; `more`: added to what is there."""
         for i in range(out.shape[0]):
             for j in range(out.shape[1]):
-                out[i, j] = given(wp.where(holds == 1, e.found[b, i, j], ZERO))
+                before = wp.where(more == 1 and holds == 1, out[i, j], given(ZERO))
+                out[i, j] = before + given(wp.where(holds == 1, e.found[b, i, j], ZERO))
 
     @wp.func
     def clear(
@@ -59,20 +61,61 @@ def make_curvature_kernel(given: type, residual: str) -> wp.Kernel:
     @wp.func
     def first_order(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], e: Curves, b: int, n: int,
-        pairs: int, keeps: int, a: wp.array2d(dtype=given), c: wp.array2d(dtype=given),
+        pairs: int, keeps: int, leaps: int, writes: int, a: wp.array2d(dtype=given),
+        c: wp.array2d(dtype=given),
     ):  # fmt: skip
         """A and B where there is room for them, kept in e; 1 if they hold."""
         width = 2 * t.nv + t.nu
         for part in range((width + LANES - 1) / LANES):
             first = part * LANES
-            if expansion.columns(t, k, g, room.factor, b, n, pairs, first) == 0:
+            if expansion.columns(t, k, g, room.factor, b, n, pairs, first, leaps) == 0:
                 writer.clear(a, c)
                 return int(0)
-            if a.shape[0] > 0:
+            if a.shape[0] > 0 and writes == 1:
                 writer.write(t, room.factor, k, b, first, a, c)
             if keeps > 0:
                 of.keep(t, k, g, room.factor, e, b, n, first)
         return int(1)
+
+    @wp.func
+    def weigh(
+        t: wp.ref[Topology], w: wp.ref[View], weights: wp.array3d(dtype=given), i: int, n: int, output: int
+    ):
+        """Of the next state, or of one v' alone."""
+        if weights.shape[0] == 0:
+            choose(t, w, output)
+        else:
+            for j in range(2 * t.nv):
+                w.weight[j] = WORK(weights[i, n + 1, j])
+
+    @wp.func
+    def lead(t: wp.ref[Topology], w: wp.ref[View], e: Curves, b: int, output: int):
+        """Of what the leapfrog predicts, by the slopes that an output has by it."""
+        for j in range(t.nv):
+            w.weight[j] = ZERO
+            w.weight[t.nv + j] = e.lead[b, output, j]
+
+    @wp.func(inline=False)
+    def of_predicted(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], w: wp.ref[View], e: Curves,
+        b: int, u: wp.array(dtype=given), external: wp.array2d(dtype=given), i: int,
+        a: wp.array2d(dtype=given), c: wp.array2d(dtype=given), second: wp.array4d(dtype=given), at: int,
+    ):  # fmt: skip
+        """Adds what second derivatives of the leapfrog's prediction bring to all outputs; the status."""
+        for j in range(t.nv):
+            k.q[j] = w.q[j]
+            k.v0[j] = w.rates[wp.static(OLD) * t.nv + j]
+        if expansion.euler(t, k, u, external, i) != wp.static(SOLVED):
+            return int(wp.static(NOT_CONVERGED))
+        n, pairs = expansion.prepare(t, k, g, room.factor, b, external, i, 0)
+        if first_order(t, k, g, room, e, b, n, pairs, 1, 0, 0, a, c) == 0:
+            return int(wp.static(NOT_CONVERGED))
+        for output in range(second.shape[1]):
+            lead(t, w, e, b, output)
+            if of.hessian(t, k, g, room, w, e, b, n, external, i, 0) == 0:
+                return int(wp.static(NOT_CONVERGED))
+            write(e, b, second[at, output], 1, 1)
+        return int(wp.static(SOLVED))
 
     @packed
     def generic_curvature_kernel(
@@ -113,25 +156,28 @@ def make_curvature_kernel(given: type, residual: str) -> wp.Kernel:
                 expansion.start(t, k, params, i)
             writer.take(t, k, b, xs[i, n])
             remember(t, k, w)
-            code = expansion.solve(t, k, room.factor, b, us[i, n], external, i)
+            code = expansion.solve(t, k, g, room.factor, b, us[i, n], external, i)
             rows = int(0)
             if code == wp.static(SOLVED):
-                acting, pairs = expansion.prepare(t, k, g, room.factor, b, external, i)
+                acting, pairs = expansion.prepare(t, k, g, room.factor, b, external, i, t.leapfrog)
                 rows = acting
                 a, c = fx[at * i, at * n], fu[at * i, at * n]
-                if first_order(t, k, g, room, e, b, rows, pairs, second.shape[1], a, c) == 0:
+                if first_order(t, k, g, room, e, b, rows, pairs, second.shape[1], t.leapfrog, 1, a, c) == 0:
                     code = wp.static(NOT_CONVERGED)
             for output in range(second.shape[1]):
-                if weighed:
-                    for j in range(2 * t.nv):
-                        w.weight[j] = WORK(weights[i, n + 1, j])
-                else:
-                    choose(t, w, output)
+                weigh(t, w, weights, i, n, output)
                 holds = int(0)
                 if code == wp.static(SOLVED):
-                    holds = of.hessian(t, k, g, room, w, e, b, rows, external, i)
+                    holds = of.hessian(t, k, g, room, w, e, b, rows, external, i, t.leapfrog)
                     code = wp.where(holds == 1, code, wp.static(NOT_CONVERGED))
-                write(e, b, second[i * steps + n, output], holds)
+                write(e, b, second[i * steps + n, output], holds, 0)
+                if t.leapfrog == 1:
+                    for j in range(t.nv):
+                        e.lead[b, output, j] = w.by_lead[j]
+            if t.leapfrog == 1 and code == wp.static(SOLVED) and second.shape[1] > 0:
+                whole = i * steps + n
+                a, c = fx[at * i, at * n], fu[at * i, at * n]
+                code = of_predicted(t, k, g, room, w, e, b, us[i, n], external, i, a, c, second, whole)
             if code == wp.static(NOT_CONVERGED) and second.shape[1] > 0:
                 clear(fx, fu, second, i, n, steps, weighed)
             status[i, n] = code

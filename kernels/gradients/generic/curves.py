@@ -21,7 +21,8 @@ class Curves:
     edge: wp.array2d(dtype=wp.int32)  # (rows) 1: of a pair at the end of a side, where slopes have a kink
     by_state: wp.array2d(dtype=WORK)  # (2 nv) differences of slopes of L
     by_move: wp.array2d(dtype=WORK)  # (nv)
-    by_lead: wp.array2d(dtype=WORK)  # (nv) of what the leapfrog predicts
+    by_lead: wp.array2d(dtype=WORK)  # (nv) by what the leapfrog predicts
+    lead: wp.array3d(dtype=WORK)  # (outputs, nv) slopes of an output by what the leapfrog predicts
     coriolis: wp.array3d(dtype=WORK)  # (nv, nv) second derivatives of these forces
     by_root: wp.array2d(dtype=WORK)  # (rows)
     cross: wp.array2d(dtype=WORK)  # (n_s)
@@ -39,6 +40,7 @@ def lengths(s: Structure) -> dict[str, tuple[int, ...]]:
         "by_move": (s.nv,),
         "by_lead": (s.nv,),
         "coriolis": (s.nv, s.nv),
+        "lead": (max(s.nv, 1), s.nv),
         "found": (width, width),
         "cross": (width,),
     }

@@ -36,8 +36,9 @@ LEAST = 1e-30  # of D, as of a step's
 @cached
 def make_hessian(given: type, residual: str) -> SimpleNamespace:
     """keep(t, k, g, d, e, b, n, first): LANES columns of the first-order expansion, from `first` on.
-    hessian(t, k, g, room, w, e, b, n, external, world): e.found by w.weight of the state after the step whose
-    n acting rows have their factor in room.factor, 1 if it holds; the step's q and v are in w.
+    hessian(t, k, g, room, w, e, b, n, external, world, leaps): e.found by w.weight of the state after the
+    step whose n acting rows have their factor in room.factor, 1 if it holds; the step's q and v are in w. Of
+    a leapfrog's whole step without what bends its prediction, and the slopes by that in w.by_lead.
     """
     contacts, hard = residual != "none", residual == "hard"
     step, adjoint = make_step(given, residual), make_step_adjoint(given, residual, False)
@@ -159,7 +160,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def gather(
         t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], e: Curves, b: int, n: int,
-        sign: WORK,
+        sign: WORK, leaps: int,
     ):  # fmt: skip
         """Slopes of L by q, v, v' and z, with a sign, to those that are there."""
         for j in range(t.nv):
@@ -174,14 +175,21 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
                 e.by_root[b, n_th] = e.by_root[b, n_th] + sign * pushed
         for j in range(t.nv):
             e.by_move[b, j] = e.by_move[b, j] - sign * k.balance[t.dof_block[j]][t.dof_part[j]]
-        if t.leapfrog == 1:
-            dual.momenta(t, k, w.lead)
+        if leaps == 1:
             for j in range(t.nv):
-                by = w.by_lead[j] + k.balance[t.dof_block[j]][t.dof_part[j]]
-                e.by_lead[b, j] = e.by_lead[b, j] + sign * by
+                e.by_lead[b, j] = e.by_lead[b, j] + sign * w.by_lead[j]
 
     @wp.func
-    def cross(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], e: Curves, b: int, n: int, c: int):
+    def cross(
+        t: wp.ref[Topology],
+        k: wp.ref[Slot],
+        room: wp.ref[Room],
+        e: Curves,
+        b: int,
+        n: int,
+        c: int,
+        leaps: int,
+    ):
         """What v' and z, which follow all of s, make of the differences by coordinate c."""
         width = 2 * t.nv + t.nu
         for i in range(width):
@@ -191,7 +199,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             if by != ZERO:
                 for i in range(width):
                     e.cross[b, i] = e.cross[b, i] + by * e.move[b, j, i]
-        if t.leapfrog == 1:
+        if leaps == 1:
             for j in range(t.nv):
                 for i in range(width):
                     e.cross[b, i] = e.cross[b, i] + e.by_lead[b, j] * coriolis.ahead(t, room, b, j, i)
@@ -216,7 +224,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     @wp.func(inline=False)
     def of_configuration(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], w: wp.ref[View], e: Curves,
-        b: int, n: int, c: int, length: wp.vec2d, external: wp.array2d(dtype=given), world: int,
+        b: int, n: int, c: int, length: wp.vec2d, external: wp.array2d(dtype=given), world: int, leaps: int,
     ):  # fmt: skip
         """What moves with coordinate c, in a scene of such a length and share of a radian."""
         for j in range(2 * t.nv):
@@ -242,8 +250,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
                 weight = wp.where(point == 1 or point == 2, ONE, -ONE) / (TWO * far)
             w.q[c] = q + side
             configure(t, k, room, w, e, b, n, external, world)
-            adjoint.slopes(t, g, k, room, w, external, world, 1)
-            gather(t, k, room, w, e, b, n, weight)
+            adjoint.slopes(t, g, k, room, w, external, world, leaps)
+            gather(t, k, room, w, e, b, n, weight, leaps)
         w.q[c] = q
         for j in range(t.nv):
             half = HALF * e.by_state[b, j]
@@ -252,7 +260,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             other = e.by_state[b, t.nv + j]
             e.found[b, t.nv + j, c] = e.found[b, t.nv + j, c] + other
             e.found[b, c, t.nv + j] = e.found[b, c, t.nv + j] + other
-        cross(t, k, room, e, b, n, c)
+        cross(t, k, room, e, b, n, c, leaps)
 
     @wp.func
     def length_of(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -300,7 +308,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def hessian(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], w: wp.ref[View], e: Curves,
-        b: int, n: int, external: wp.array2d(dtype=given), world: int,
+        b: int, n: int, external: wp.array2d(dtype=given), world: int, leaps: int,
     ):  # fmt: skip
         width = 2 * t.nv + t.nu
         for i in range(width):
@@ -313,18 +321,18 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             return int(0)
         if wp.static(contacts):
             of_rows(t, k, room, w, e, b, n)
-        if t.leapfrog == 1:
-            adjoint.slopes(t, g, k, room, w, external, world, 0)  # w.lead
         length = length_of(t, k)
         for c in range(t.nv):
-            of_configuration(t, k, g, room, w, e, b, n, c, length, external, world)
+            of_configuration(t, k, g, room, w, e, b, n, c, length, external, world, leaps)
         if wp.static(contacts):
             follow(t, k, g, room, b, n, -1)
         configure(t, k, room, w, e, b, n, external, world)
         adjoint.rates(t, k, w)
-        coriolis.of_velocities(t, k, w, e, b)
-        if t.leapfrog == 1:
+        coriolis.of_velocities(t, k, w, e, b, leaps)
+        if leaps == 1:
             coriolis.of_predicted(t, k, room, w, e, b)
+            adjoint.rates(t, k, w)
+            adjoint.leap.by_predicted(t, k, w)
         total = ZERO + ZERO
         for i in range(width):
             for j in range(width):

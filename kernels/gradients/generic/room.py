@@ -28,8 +28,8 @@ class Room:
     by_arm: wp.array2d(dtype=wp.vec2d)  # (nb) by the way from the parent's origin to the body's
     by_q: wp.array2d(dtype=WORK)  # (nv)
     by_v: wp.array2d(dtype=WORK)
-    by_lead: wp.array2d(dtype=WORK)  # (nv) by what the leapfrog predicts, and this and the next of it alone
-    lead: wp.array2d(dtype=V3)  # (blocks) P0, see `leap.py`
+    by_lead: wp.array2d(dtype=WORK)  # (nv) by what the leapfrog predicts, this and the next of it alone
+    held: wp.array2d(dtype=WORK)  # (3 nv) slopes of its whole step by q and v, and P
     weight: wp.array2d(dtype=WORK)  # (2 nv) of the state after the step
     target: wp.array2d(dtype=V3)  # (blocks) of v'
     p: wp.array2d(dtype=V3)  # (blocks) -P
@@ -44,7 +44,7 @@ class Room:
 KINDS = {"twist": wp.vec3d, "by_twist": wp.vec3d, "by_frame": wp.vec3d, "slides": wp.int32} | dict.fromkeys(
     ("acceleration", "by_acceleration", "by_arm"), wp.vec2d
 )
-KINDS |= {"target": V3, "p": V3, "lead": V3}
+KINDS |= {"target": V3, "p": V3}
 FACTOR = ("upper", "row", "share", "yielding", "slides", "of_contact", "gap_by_q", "before", "bounced")
 
 
@@ -61,9 +61,9 @@ def lengths(s: Structure) -> dict[str, int]:
     """Items of every array of a structure."""
     by_body = {"twist": 4 * s.nb, "by_twist": 4 * s.nb}
     by_body |= dict.fromkeys(("acceleration", "by_acceleration", "by_frame", "by_arm"), s.nb)
-    by_dof = {"rates": 4 * s.nv, "weight": 2 * s.nv}
+    by_dof = {"rates": 4 * s.nv, "weight": 2 * s.nv, "held": 3 * s.nv}
     by_dof |= dict.fromkeys(("q", "by_q", "by_v", "by_lead"), s.nv)
-    by_dof |= dict.fromkeys(("target", "p", "lead"), topology.tables(s)[1].blocks)
+    by_dof |= dict.fromkeys(("target", "p"), topology.tables(s)[1].blocks)
     return by_body | by_dof | dict.fromkeys(("y", "rho", "slides"), s.nr) | {"grad": layout(s).width}
 
 
@@ -115,7 +115,7 @@ class View:
     by_q: wp.array(dtype=WORK)
     by_v: wp.array(dtype=WORK)
     by_lead: wp.array(dtype=WORK)
-    lead: wp.array(dtype=V3)
+    held: wp.array(dtype=WORK)
     weight: wp.array(dtype=WORK)
     target: wp.array(dtype=V3)
     p: wp.array(dtype=V3)
@@ -140,7 +140,7 @@ def view_of(room: wp.ref[Room], b: int):
     out.by_q = room.by_q[b]
     out.by_v = room.by_v[b]
     out.by_lead = room.by_lead[b]
-    out.lead = room.lead[b]
+    out.held = room.held[b]
     out.weight = room.weight[b]
     out.target = room.target[b]
     out.p = room.p[b]

@@ -34,10 +34,22 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
     contact = residual != "none"
     rows = make_rows(given, residual, graded) if contact else None
     dual, passes = make_dual(given, residual), make_passes(given, graded)
-    motion, leap = passes.motion, make_leap(given, residual, graded)
+    motion, leap = passes.motion, make_leap(given, graded)
     number, add = z.number, z.add
     H = z.COLUMN["step_size"]
     ZERO, ONE, HALF = WORK(0.0), WORK(1.0), WORK(0.5)
+
+    @wp.func
+    def begin(
+        t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View],
+        external: wp.array2d(dtype=given), world: int, u: wp.array(dtype=given),
+    ):  # fmt: skip
+        for j in range(t.nv):
+            k.q[j] = w.q[j]
+            k.v0[j] = w.rates[wp.static(OLD) * t.nv + j]
+        step.begin(t, k, external, world)
+        for i in range(t.nu):
+            step.control_force(t, k, i, WORK(u[i]))
 
     @wp.func
     def solve(
@@ -47,11 +59,7 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
         for j in range(t.nv):
             w.q[j] = WORK(x[j])
             w.rates[wp.static(OLD) * t.nv + j] = WORK(x[t.nv + j])
-            k.q[j] = w.q[j]
-            k.v0[j] = WORK(x[t.nv + j])
-        step.begin(t, k, external, world)
-        for i in range(t.nu):
-            step.control_force(t, k, i, WORK(u[i]))
+        begin(t, k, w, external, world, u)
         code = step.solve_step(t, k)
         return wp.where(code == wp.static(SOLVED), 1, 0)
 
@@ -68,9 +76,9 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
     @wp.func(inline=False)
     def slopes(
         t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View],
-        external: wp.array2d(dtype=given), world: int, fixed: int,
+        external: wp.array2d(dtype=given), world: int, leaps: int,
     ):  # fmt: skip
-        """By q, v and the parameters at these P and rho, and P0 if that is fixed (`leap.py`)."""
+        """By q, v and the parameters at these P and rho; if it `leaps`, by p (`leap.py`)."""
         by_h = WORK(0.0)
         for j in range(t.nv):
             by_h += w.weight[j] * k.v[t.dof_block[j]][t.dof_part[j]]
@@ -79,9 +87,8 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
         add(t, w, H, 0, by_h)
         z.rates(t, k, w)
         share = ZERO + ONE  # of the Coriolis forces, those at v
-        if t.leapfrog == 1:
-            leap.predicted(t, k, w, external, world, fixed)
-            z.rates(t, k, w)
+        if leaps == 1:
+            leap.by_predicted(t, k, w)
             share = HALF
         passes.rise(t, k, w)
         passes.bodies(t, k, w, share, ONE, external, world)
@@ -91,8 +98,6 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
         if wp.static(contact):
             rows.constraints(t, s, k, room, w)
         passes.fall(t, k, w)
-        if t.leapfrog == 1:
-            leap.joined(t, w)
 
     @wp.func
     def coriolis(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], share: WORK):
@@ -101,15 +106,24 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
             w.by_v[j] = ZERO
         passes.turn(t, k, w, share)
 
-    @wp.func
+    @wp.func(inline=False)
     def pull(
         t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View],
-        slot: int, external: wp.array2d(dtype=given), world: int,
+        slot: int, external: wp.array2d(dtype=given), world: int, u: wp.array(dtype=given),
     ):  # fmt: skip
-        aim(t, k, w)
-        if dual.weights(t, k, room, w, slot) == 0:
-            return int(0)
-        slopes(t, s, k, room, w, external, world, 0)
+        parts = int(1 + t.leapfrog)
+        for part in range(parts):
+            if part == 1:
+                leap.hold(t, w)
+                begin(t, k, w, external, world, u)
+                if step.solve(t, k, 0, 0) != wp.static(SOLVED):
+                    return int(0)
+            aim(t, k, w)
+            if dual.weights(t, k, room, w, slot) == 0:
+                return int(0)
+            slopes(t, s, k, room, w, external, world, parts - 1 - part)
+        if parts == 2:
+            leap.join(t, w)
         return int(1)
 
     return SimpleNamespace(
