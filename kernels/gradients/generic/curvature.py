@@ -12,6 +12,7 @@ from ...generic.work import LANES, WORK, Slot, Work, view
 from ...status import NOT_CONVERGED, SOLVED
 from .curves import Curves
 from .hessian import make_hessian
+from .leap import make_leap
 from .room import OLD, Room, View, view_of
 
 
@@ -22,6 +23,7 @@ def make_curvature_kernel(given: type, residual: str) -> wp.Kernel:
     NOT_CONVERGED.
     """
     expansion, writer, of = make_expansion(given, residual), make_writer(given), make_hessian(given, residual)
+    leap = make_leap(given, False)
     ZERO, ONE = WORK(0.0), WORK(1.0)
 
     @wp.func
@@ -106,6 +108,8 @@ def make_curvature_kernel(given: type, residual: str) -> wp.Kernel:
             k.q[j] = w.q[j]
             k.v0[j] = w.rates[wp.static(OLD) * t.nv + j]
         if expansion.euler(t, k, u, external, i) != wp.static(SOLVED):
+            return int(wp.static(NOT_CONVERGED))
+        if leap.same(t, k) == 0:
             return int(wp.static(NOT_CONVERGED))
         n, pairs = expansion.prepare(t, k, g, room.factor, b, external, i, 0)
         if first_order(t, k, g, room, e, b, n, pairs, 1, 0, 0, a, c) == 0:

@@ -15,16 +15,18 @@ from ...generic.work import WORK, Slot
 from .passes import make_passes
 from .room import DUAL, OLD, View
 
+OTHER = 1e-5  # relative to a world's speeds: another solution, as Coulomb's friction may have
+
 
 @cached
 def make_leap(given: type, graded: bool) -> SimpleNamespace:
     """by_predicted(t, k, w): w.by_lead, the slopes by p, and what p's place brings to those by q and, if
     `graded`, by the parameters. swap(t, k, w), take(t, w): p in the place of v, and v in its own again, with
     the slopes by p in w.by_lead. hold(t, w): slopes of the whole step aside, w.weight those by p; join(t, w):
-    both steps' slopes, P of both for the rates P.
+    both steps' slopes, P of both for the rates P. same(t, k): 1 if Euler's step, solved again, leads to p.
     """
     passes = make_passes(given, graded)
-    ZERO, HALF = WORK(0.0), WORK(0.5)
+    ZERO, ONE, HALF, APART = WORK(0.0), WORK(1.0), WORK(0.5), WORK(OTHER)
 
     @wp.func
     def swap(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
@@ -63,4 +65,16 @@ def make_leap(given: type, graded: bool) -> SimpleNamespace:
             at = wp.static(DUAL) * t.nv + j
             w.rates[at] = w.rates[at] + w.held[2 * t.nv + j]
 
-    return SimpleNamespace(by_predicted=by_predicted, swap=swap, take=take, hold=hold, join=join)
+    @wp.func
+    def same(t: wp.ref[Topology], k: wp.ref[Slot]):
+        found = int(1)
+        largest = ZERO + ONE
+        for j in range(t.nv):
+            largest = wp.max(largest, wp.abs(k.v[t.dof_block[j]][t.dof_part[j]]))
+        for j in range(t.nv):
+            b = t.dof_block[j]
+            if not (wp.abs(k.v[b][t.dof_part[j]] - k.vfree[t.blocks + b][t.dof_part[j]]) <= APART * largest):
+                found = 0
+        return found
+
+    return SimpleNamespace(by_predicted=by_predicted, swap=swap, take=take, hold=hold, join=join, same=same)

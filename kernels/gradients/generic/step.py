@@ -118,6 +118,8 @@ def make_step_adjoint(given: type, residual: str, graded: bool) -> SimpleNamespa
                 begin(t, k, w, external, world, u)
                 if step.solve(t, k, 0, 0) != wp.static(SOLVED):
                     return int(0)
+                if leap.same(t, k) == 0:
+                    return int(0)
             aim(t, k, w)
             if dual.weights(t, k, room, w, slot) == 0:
                 return int(0)

@@ -15,7 +15,7 @@ from slcp_warp.stepping.strategy import RENAMED
 from slcp_warp.storage.files import parse_json, read_text, reading, write_text
 
 from .draws import Worlds
-from .judged import judged, predicted, simulator
+from .judged import judged, led, predicted, simulator
 from .rolled import follow, roll
 from .structures import baked
 from .tasks import FIELDS, Failure
@@ -69,7 +69,10 @@ class Case:
             worlds, out = steps.worlds, steps.out
         if self.options.integrator == "trapezoidal":
             push, known = predicted(self.scene, worlds, self.options, self.dtype)
-        found, done = judged(worlds, sim, push, out=out)
+        reached = None
+        if self.options.integrator == "leapfrog":
+            reached, known = led(self.scene, worlds, self.options)
+        found, done = judged(worlds, sim, push, out=out, reached=reached)
         found.doubt(known)
         return found, done
 

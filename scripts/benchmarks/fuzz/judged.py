@@ -68,9 +68,11 @@ def step(sim: Any, worlds: Worlds, numbers: dict[str, Array], external: Array | 
 
 
 def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | None = None,
-           force: Array | None = None, out: Outcome | None = None) -> tuple[Verdicts, Any]:  # fmt: skip
+           force: Array | None = None, out: Outcome | None = None,
+           reached: Array | None = None) -> tuple[Verdicts, Any]:  # fmt: skip
     """Verdicts on one step of the worlds, and the step, where `out` does not say what came of it. `push`: of
-    the trapezoidal method, see `predicted`; `force` (B, nv): more generalised forces.
+    the trapezoidal method, see `predicted`; `force` (B, nv): more generalised forces; `reached`: of the
+    leapfrog, see `led`.
     """
     numbers, dtype = numbers_for(sim, worlds), sim.dtype.__name__
     full = dataclasses.replace(worlds, numbers=numbers | {"sigma": worlds.numbers["sigma"]})
@@ -85,8 +87,9 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
         else:
             here = Truth(sim.scene, full.part(keep), None if force is None else force[keep])
         force_there = push if keep is None or push is None else push[keep]
-        drive = here.leap() if method.leapfrog else here.drive(force_there)
-        return Problem(here, drive, method, dtype, inner)
+        if reached is not None:
+            return Problem(here, here.leap(reached if keep is None else reached[keep]), method, dtype, inner)
+        return Problem(here, here.drive(force_there), method, dtype, inner)
 
     problem, done = pose(None), None
     if out is None:
@@ -95,6 +98,14 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
         out = Outcome.of(done)
     with np.errstate(all="ignore"):
         return Verdicts(problem, out, pose), done
+
+
+def led(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Array]:
+    """Where Euler's step of the worlds leads (B, nv), which other parts judge, and which are solved."""
+    euler = dataclasses.replace(options, integrator="euler")
+    sim = simulator(scene, euler, "float64", "generic")
+    found = step(sim, worlds, numbers_for(sim, worlds))
+    return np.asarray(found.state, float)[:, scene.nv :], np.asarray(found.status) == int(Status.SOLVED)
 
 
 def predicted(scene: Scene, worlds: Worlds, options: Options, dtype: str) -> tuple[Array, Array]:

@@ -124,14 +124,13 @@ class Truth:
         none = np.zeros(free.shape)
         return Drive(h_mass, rhs, size, free, self._strung(free), none, none[:, 0])
 
-    def leap(self) -> Drive:
-        """The leapfrog's equation of motion."""
+    def leap(self, reached: Array) -> Drive:
+        """The leapfrog's equation of motion, whose Euler's step ends at `reached` (B, nv)."""
         euler, of = self.drive(), (self.mech, self.q)
-        added, size = late(*of, self.v, self.worlds.u, euler.free)
+        added, size = late(*of, self.v, self.worlds.u, reached)
         inverse = np.linalg.inv(euler.h_mass)
-        shaken = [
-            reached_by(*of, self.worlds.u, euler.free, inverse, part) for part in (euler.size, euler.doubt)
-        ]
+        terms = euler.size + np.einsum("bij,bj->bi", np.abs(euler.h_mass), np.abs(reached))
+        shaken = [reached_by(*of, self.worlds.u, reached, inverse, part) for part in (terms, euler.doubt)]
         rhs, free = euler.rhs + added, euler.free + solved(euler.h_mass, added)
         size, doubt = euler.size + size + shaken[0], euler.doubt + shaken[1]
         return dataclasses.replace(euler, rhs=rhs, size=size, free=free, doubt=doubt)

@@ -15,7 +15,7 @@ from slcp_warp.options import Options, Status
 from . import swept
 from .differences import CURVED, LIMIT, curvature_errors, gradient_errors, jacobian_errors
 from .draws import CLASSES, Worlds
-from .judged import judged, numbers_for, parameters, predicted, simulator, step
+from .judged import judged, led, numbers_for, parameters, predicted, simulator, step
 from .problem import Truth
 from .rolled import follow, roll
 from .tasks import Failure, Tally, Task, key_of
@@ -46,7 +46,10 @@ def run_task(task: Task, threads: int = 1) -> Tally:
             push, known = None, np.ones(len(worlds.x), bool)
             if options.integrator == "trapezoidal":
                 push, known = predicted(scene, worlds, options, dtype)
-            verdicts, done = judged(worlds, sim, push, truth)
+            reached = None
+            if options.integrator == "leapfrog":
+                reached, known = led(scene, worlds, options)
+            verdicts, done = judged(worlds, sim, push, truth, reached=reached)
             places = [(chunk * task.per_chunk + i, None) for i in range(len(worlds.x))]
             _count(tally, task, places, worlds, options, dtype, verdicts, known)
             _twins(tally, task, chunk, worlds, sim, done)
