@@ -21,7 +21,8 @@ from .motion.free_motion import make_free_motion
 from .motion.mechanism import COLUMN, make_mechanism
 from .newton import make_newton
 from .order import make_order
-from .topology import CONTACT, Topology
+from .rows.recorded import make_recorded
+from .topology import Topology
 from .work import BESIDE, ISLANDS, LED, LOOKS, ROWS, V2, WORK, Slot, Work, island, view
 
 
@@ -41,7 +42,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     settle = make_island(given, residual) if residual != "none" else None
     rounding = make_newton(given, residual).rounding if residual != "none" else None
     rearrange = make_order().rearrange
-    H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
+    recorded = make_recorded(given, residual)
+    H = COLUMN["step_size"]
     LOWER, UPPER = COLUMN["lower"], COLUMN["upper"]
     UNUSED = dtype(COLD)
     number = mech.number
@@ -178,26 +180,6 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return status
 
     @wp.func
-    def reported(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
-        """What row r reports: lambda, and with Coulomb friction the normal, then the tangential impulse."""
-        i = k.row[r]
-        if t.coulomb == 0 or t.row_sign[i] == 0 or t.row_kind[i] != CONTACT:
-            return k.lam[r]
-        if t.row_sign[i] > 0:
-            return k.lam[r] + k.lam[r + 1]
-        return number(t, k, FRICTION, t.row_index[i]) * (k.lam[r - 1] - k.lam[r])
-
-    @wp.func
-    def far_gap(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
-        """The signed distance of a pair that is not near; where it was looked for is not remembered, so that
-        motion does not depend on what is recorded.
-        """
-        normal = V2(k.normal[pair][0], k.normal[pair][1])
-        _nx, _ny, gap, _ha, _turn_a, _hb, _turn_b = contact.geometry(t, k, pair)
-        k.normal[pair] = normal
-        return gap
-
-    @wp.func
     def given_numbers(t: wp.ref[Topology], k: wp.ref[Slot]):
         """NONFINITE where q or v_free is: gaps or momenta of such worlds are no problem to solve."""
         for j in range(t.nv):
@@ -260,41 +242,17 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                     k.q[j] = k.q[j] + h * k.v0[j]
         return status
 
-    @wp.func(inline=False)
-    def record(
-        t: wp.ref[Topology],
-        k: wp.ref[Slot],
-        world: int,
-        n: int,
-        impulse: wp.array3d(dtype=given),
-        gap: wp.array3d(dtype=given),
-    ):
-        """Impulses and gaps of step n of a rollout, where there is room for them."""
-        if impulse.shape[0] > 0:
-            for i in range(t.nr):
-                impulse[world, n, i] = given(0.0)
-            for r in range(k.count[wp.static(ROWS)]):
-                impulse[world, n, k.row[r]] = given(reported(t, k, r))
-        if gap.shape[0] > 0:
-            for pair in range(t.pairs):
-                if k.known[pair] == 0:
-                    far = given(far_gap(t, k, pair))
-                    for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
-                        gap[world, n, i] = far
-            for r in range(k.count[wp.static(ROWS)]):
-                gap[world, n, k.row[r]] = given(contact.row_gap(t, k, r))
-
     return SimpleNamespace(
         prepare=prepare,
-        record=record if residual != "none" else None,
+        record=recorded.record,
         forget=forget,
         recall=recall,
         begin=begin,
         solve=solve,
         solve_step=solve_step,
-        impulse=reported,
-        far_gap=far_gap,
-        row_gap=contact.row_gap if residual != "none" else None,
+        impulse=recorded.reported,
+        far_gap=recorded.far_gap,
+        row_gap=recorded.row_gap,
         control_force=mech.control_force,
     )
 
