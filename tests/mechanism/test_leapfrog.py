@@ -1,4 +1,4 @@
-"""The leapfrog: half of its Coriolis forces are those at the velocities that Euler's step leads to."""
+"""The leapfrog: half of its Coriolis forces are those at the velocities that Euler's step ends at."""
 
 from dataclasses import replace
 
@@ -24,9 +24,9 @@ def flyer(**changes):
     return Scene(**(of | changes))
 
 
-def rolled(scene, h, x0, us, **options):
+def rolled(scene, h, x0, us, residual="hard", **options):
     sim = slcp.Simulator(
-        replace(scene, step_size=h), slcp.Options("hard", **options), dtype="float64", device="cpu",
+        replace(scene, step_size=h), slcp.Options(residual, **options), dtype="float64", device="cpu",
         strategy="generic",
     )  # fmt: skip
     run = sim.rollout(x0, us)
@@ -120,6 +120,34 @@ def test_momenta_and_energies_are_of_the_time_of_the_velocities():
     apart = slcp.momentum(run.states, run.params)  # at the places of the states
     assert np.abs(apart.linear - momentum.linear).max() > 10.0 * lost[-1][0]
     np.testing.assert_array_equal(apart.place, momentum.place)
+
+
+@pytest.mark.parametrize("residual", ["hard", "rem-logistic"])
+def test_motors_that_press_on_what_holds_make_nothing(residual):
+    """A joint's motor at its limit, a finger's on a wall: predicted without them, joints turn at 50 rad/s."""
+    bodies = (
+        Body("arm", 1.0, 0.02, com=(0.15, 0.0)),
+        Body("fore", 0.1, 1e-3, parent="arm", anchor=(0.3, 0.0), com=(0.1, 0.0), upper=0.5),
+    )
+    limit = Scene("limit", bodies, actuators=(Actuator("fore"),), gravity=(0.0, 0.0), step_size=0.01,
+                  initial_state={"fore.angle": 0.5}, sigma=1e-9)  # fmt: skip
+    run = rolled(limit, 0.01, limit.x0, np.full((50, 1), 5.0), residual=residual, integrator="leapfrog")
+    np.testing.assert_allclose(run.states, np.tile(limit.x0, (51, 1)), atol=1e-7)
+    tip = slcp.costs.position(limit, slcp.costs.Point("fore", (0.2, 0.0)), np.array([1.1, -1.7, 0.0, 0.0]))
+    shapes = (Shape("wall", None, "halfplane", (0.0, 0.0), offset=(tip[0] + 0.02, 0.0), angle=np.pi),
+              Shape("tip", "fore", "disc", 0.02, offset=(0.2, 0.0)))  # fmt: skip
+    free = (bodies[0], replace(bodies[1], upper=None))
+    wall = replace(limit, bodies=free, shapes=shapes, contacts=(Contact("wall", "tip", 0.5),),
+                   actuators=(Actuator("arm"), Actuator("fore")),
+                   initial_state={"arm.angle": 1.1, "fore.angle": -1.7})  # fmt: skip
+    elbow = np.array([0.3 * np.cos(1.1), 0.3 * np.sin(1.1)])
+    push = 100.0 * np.array([-tip[1], -(tip - elbow)[1]])  # J' of 100 N to the right
+    run = rolled(wall, 0.01, wall.x0, np.tile(push, (50, 1)), residual=residual, integrator="leapfrog")
+    np.testing.assert_allclose(run.states, np.tile(wall.x0, (51, 1)), atol=1e-6)
+    late = replace(wall, step_size=0.01)
+    sim = slcp.Simulator(late, slcp.Options(residual, integrator="leapfrog"), dtype="float64", device="cpu")
+    forces = sim.step(late.x0, push).impulse / 0.01
+    np.testing.assert_allclose(forces.sum(), 100.0, rtol=1e-4)
 
 
 def flown(acceleration, start, duration, steps=4000):

@@ -11,7 +11,6 @@ from ..topology import CONTACT, Topology, place
 from ..work import LANES, WORK, Lanes, Slot
 from .bodies import make_bodies
 from .gaps import limit_slope
-from .leap import make_leap
 from .pairs import make_pair_slopes
 from .rows import make_row_slopes
 from .springs import make_spring_slopes
@@ -27,7 +26,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
     dtype = WORK
     number = make_mechanism(given).number
     TENSION, SLOWING, SHARE_OF = (COLUMN[f"tendon_{n}"] for n in ("stiffness", "damping", "coefficient"))
-    bodies, springs, leap = make_bodies(given), make_spring_slopes(given), make_leap(given)
+    bodies, springs = make_bodies(given), make_spring_slopes(given)
     contacts = residual != "none"
     pairs = make_pair_slopes(given, residual) if contacts else None
     rows = make_row_slopes(given, residual) if contacts else None
@@ -292,7 +291,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                 if lane >= 0 and lane < COUNT:
                     of_control(t, d, k, b, i, lane)
         if leaps == 1:
-            leap.coriolis(t, k, d, b, first / COUNT)
+            bodies.coriolis(t, k, d, b, first / COUNT)
         if wp.static(contacts):
             if first < t.nv:
                 of_pairs(t, g, d, k, b, count, first)

@@ -16,7 +16,6 @@ from ..topology import Topology
 from ..work import GROUPS, LANES, WORK, Slot
 from .bodies import make_bodies
 from .columns import make_columns
-from .leap import make_leap
 from .rows import make_row_slopes
 from .springs import make_spring_slopes
 from .system import make_system
@@ -34,7 +33,7 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
     """
     dtype = WORK
     step = make_step(given, residual)
-    bodies, springs, leap = make_bodies(given), make_spring_slopes(given), make_leap(given)
+    bodies, springs = make_bodies(given), make_spring_slopes(given)
     contacts = residual != "none"
     rows = make_row_slopes(given, residual) if contacts else None
     columns, system = make_columns(given, residual), make_system(given, residual)
@@ -55,7 +54,7 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
             d.change[b, j] = k.v0[j] - k.before[t.dof_block[j]][t.dof_part[j]]
         bodies.prepare(t, k, d, b, external, world)
         if leaps == 1:
-            leap.bend(t, k, d, b)
+            bodies.bend(t, k, d, b)
         springs.prepare(t, k, g, d, b)
         n = int(0)
         pairs = int(0)

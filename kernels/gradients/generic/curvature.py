@@ -91,6 +91,22 @@ def make_curvature_kernel(given: type, residual: str) -> wp.Kernel:
                 w.weight[j] = WORK(weights[i, n + 1, j])
 
     @wp.func
+    def of_output(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], w: wp.ref[View], e: Curves,
+        b: int, n: int, external: wp.array2d(dtype=given), i: int, output: int,
+        second: wp.array3d(dtype=given), code: int,
+    ):  # fmt: skip
+        """Those of an output that is weighed, of a leapfrog without its prediction's; the status."""
+        holds = int(0)
+        if code == wp.static(SOLVED):
+            holds = of.hessian(t, k, g, room, w, e, b, n, external, i, t.leapfrog)
+        write(e, b, second[output], holds, 0)
+        if t.leapfrog == 1:
+            for j in range(t.nv):
+                e.lead[b, output, j] = w.by_lead[j]
+        return wp.where(holds == 1 or code != wp.static(SOLVED), code, wp.static(NOT_CONVERGED))
+
+    @wp.func
     def lead(t: wp.ref[Topology], w: wp.ref[View], e: Curves, b: int, output: int):
         """Of what the leapfrog predicts, by the slopes that an output has by it."""
         for j in range(t.nv):
@@ -101,7 +117,7 @@ def make_curvature_kernel(given: type, residual: str) -> wp.Kernel:
     def of_predicted(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, room: wp.ref[Room], w: wp.ref[View], e: Curves,
         b: int, u: wp.array(dtype=given), external: wp.array2d(dtype=given), i: int,
-        a: wp.array2d(dtype=given), c: wp.array2d(dtype=given), second: wp.array4d(dtype=given), at: int,
+        a: wp.array2d(dtype=given), c: wp.array2d(dtype=given), second: wp.array3d(dtype=given),
     ):  # fmt: skip
         """Adds what second derivatives of the leapfrog's prediction bring to all outputs; the status."""
         for j in range(t.nv):
@@ -114,11 +130,11 @@ def make_curvature_kernel(given: type, residual: str) -> wp.Kernel:
         n, pairs = expansion.prepare(t, k, g, room.factor, b, external, i, 0)
         if first_order(t, k, g, room, e, b, n, pairs, 1, 0, 0, a, c) == 0:
             return int(wp.static(NOT_CONVERGED))
-        for output in range(second.shape[1]):
+        for output in range(second.shape[0]):
             lead(t, w, e, b, output)
             if of.hessian(t, k, g, room, w, e, b, n, external, i, 0) == 0:
                 return int(wp.static(NOT_CONVERGED))
-            write(e, b, second[at, output], 1, 1)
+            write(e, b, second[output], 1, 1)
         return int(wp.static(SOLVED))
 
     @packed
@@ -170,18 +186,14 @@ def make_curvature_kernel(given: type, residual: str) -> wp.Kernel:
                     code = wp.static(NOT_CONVERGED)
             for output in range(second.shape[1]):
                 weigh(t, w, weights, i, n, output)
-                holds = int(0)
-                if code == wp.static(SOLVED):
-                    holds = of.hessian(t, k, g, room, w, e, b, rows, external, i, t.leapfrog)
-                    code = wp.where(holds == 1, code, wp.static(NOT_CONVERGED))
-                write(e, b, second[i * steps + n, output], holds, 0)
-                if t.leapfrog == 1:
-                    for j in range(t.nv):
-                        e.lead[b, output, j] = w.by_lead[j]
+                code = of_output(
+                    t, k, g, room, w, e, b, rows, external, i, output, second[i * steps + n], code
+                )
             if t.leapfrog == 1 and code == wp.static(SOLVED) and second.shape[1] > 0:
-                whole = i * steps + n
                 a, c = fx[at * i, at * n], fu[at * i, at * n]
-                code = of_predicted(t, k, g, room, w, e, b, us[i, n], external, i, a, c, second, whole)
+                code = of_predicted(
+                    t, k, g, room, w, e, b, us[i, n], external, i, a, c, second[i * steps + n]
+                )
             if code == wp.static(NOT_CONVERGED) and second.shape[1] > 0:
                 clear(fx, fu, second, i, n, steps, weighed)
             status[i, n] = code
