@@ -60,9 +60,9 @@ class Options:
             "coulomb", exact planar friction (M8), the paper's [8], for the hard problem only.
         integrator: "euler" (M1), first order; "trapezoidal" (M23), (M24), the linearly implicit method of
             footnote 1 (the paper's [6]), second order where motion is smooth, in specialised kernels;
-            "leapfrog" (M63), Euler's with the mean of the Coriolis forces before and after the step: what
-            flies keeps its momentum to second order. Its velocities are those half a step before its places.
-            In generic kernels.
+            "leapfrog" (M63), Euler's with the mean of the Coriolis forces before and after the step: only
+            forces and contacts change momentum, to second order. Its velocities are those half a step before
+            its places. In generic kernels.
         noise: "row", a constant sigma for every row; "state", eq. (18), (M18): sigma follows in every step
             from the parameters position_covariance and velocity_covariance, (nv, nv).
         deviation: what sigma is to a logistic residual, the distribution's "scale" or its
@@ -149,6 +149,7 @@ class Options:
         own |= {"noise": "row"} if hard or erm else {}
         own |= {"deviation": None} if hard else {"friction": "anitescu", "gap": "start"}
         own |= {"tolerance": None, "depenetration_speed": None} if erm else {}
+        own |= {"integrator": "euler"} if erm and self.integrator == "leapfrog" else {}
         return replace(self, **own)
 
     @property

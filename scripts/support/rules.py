@@ -103,12 +103,17 @@ class Rules:
     def _of_residual(self, residual: str) -> dict[str, Any]:
         without: tuple[str, ...] = OF_SMOOTHED if residual == "hard" else OF_HARD
         without += NOT_OF_ERM if residual.startswith("erm") else ()
+        if residual.startswith("erm") and self.integrator == "leapfrog":
+            without += ("integrator",)
         return {rule: value for rule, value in self.given.items() if rule not in without}
+
+
+WORDS = {"friction": "", "integrator": "", "gap": "gap ", "depenetration_speed": "depenetration "}
 
 
 def _label(name: str, own: dict[str, Any], case: slcp.Options) -> str:
     """What a case is called: its residual, and what is given, or the task's, that it has not by itself."""
-    words, plain = {"friction": "", "gap": "gap ", "depenetration_speed": "depenetration "}, slcp.Options()
+    words, plain = WORDS, slcp.Options()
     has = [rule for rule in words if rule in own or getattr(case, rule) != getattr(plain, rule)]
     return ", ".join((name, *(f"{words[rule]}{getattr(case, rule)}" for rule in has)))
 
@@ -116,10 +121,9 @@ def _label(name: str, own: dict[str, Any], case: slcp.Options) -> str:
 def told(options: slcp.Options) -> list[str]:
     """Options in words: the residual, and what is not as it is by itself."""
     plain, own = slcp.Options(), dataclasses.asdict(options)
-    words = {"friction": "", "integrator": "", "gap": "gap ", "depenetration_speed": "depenetration "}
     return [
         options.residual,
-        *(f"{w}{own[name]}" for name, w in words.items() if own[name] != getattr(plain, name)),
+        *(f"{w}{own[name]}" for name, w in WORDS.items() if own[name] != getattr(plain, name)),
     ]
 
 
