@@ -1,5 +1,6 @@
 """A plan in one call: starts of four kinds, Gauss-Newton from all of them, second order from the best."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -7,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp import Simulator, Task
+from slcp_warp import Scene, Simulator, Task
 from slcp_warp.costs import NO_COST
 from slcp_warp.inputs.checks import array, function, instance, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.kernels.device.launch import together
+from slcp_warp.results.overlaps import OVERLAP
 
 from ..multistart import Multistart
 from ..options import Options, Regularization
@@ -194,6 +196,8 @@ def plan(
         x0 = task.start[0] if x0 is None else x0
     late = Late.of(problem, delay)
     x = array("x0", x0, (problem.nx,))
+    if isinstance(task, Task):
+        _tell_of_limits(task.scene, x)
     if explore is not None:
         try:
             sampling = replace(sampling or Sampling(), scale=explore)
@@ -201,6 +205,26 @@ def plan(
         except ArgumentError as error:
             raise ArgumentError(f"explore: {error}") from None
     return plan_late(late, x, starts, seed, options, methods, finish, sampling, progress)
+
+
+def _tell_of_limits(scene: Scene, x0: np.ndarray) -> None:
+    """A RuntimeWarning of coordinates that begin beyond their limits: a plan may live on how these throw them
+    back.
+    """
+    s, numbers = scene.structure, scene.default_parameters()
+    said = []
+    for j, name in enumerate(scene.state_names[: scene.nv]):
+        below = numbers["lower"][j] - x0[j] if s.lower[j] else 0.0
+        above = x0[j] - numbers["upper"][j] if s.upper[j] else 0.0
+        if max(below, above) > OVERLAP:
+            side, bound = ("lower", "below") if below > above else ("upper", "above")
+            said.append(f"{name} {max(below, above):.3g} {bound} its {side} limit")
+    if said:
+        warnings.warn(
+            f"x0 has {', '.join(said)}: the first step throws that back, by that over its step size",
+            RuntimeWarning,
+            stacklevel=3,
+        )
 
 
 def plan_late(

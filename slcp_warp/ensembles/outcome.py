@@ -155,21 +155,27 @@ class Report(Printed):
         case: str | None = None,
         step_size: float | None = None,
         peeking: bool = False,
+        *,
+        other: "Report | None" = None,
     ) -> dict[str, Interval]:
         """Differences first - second in the same worlds: (mean, low, high) with 95 % intervals.
 
         Of success (as 0 and 1) and of every measure, over the worlds where both are finite; case and step
-        size None: the first. The intervals are for one look at a number of worlds that was chosen before;
-        with `peeking` they are wider, and hold for one who looks while a sweep runs and stops when he likes:
-        of success exactly, of means for many worlds, unless few of them make the mean (`compare_sequentially`
-        has medians and bounded means, which hold for every law).
+        size None: the first. With `other` the second policy is that report's: of another task, whose scene is
+        another design, in worlds of the same numbers, which of one seed are the same draws of what both
+        disturb; of the measures that both have. The intervals are for one look at a number of worlds that was
+        chosen before; with `peeking` they are wider, and hold for one who looks while a sweep runs and stops
+        when he likes: of success exactly, of means for many worlds, unless few of them make the mean
+        (`compare_sequentially` has medians and bounded means, which hold for every law).
         """
-        a, b = (self.key(policy, case, step_size) for policy in (first, second))
-        names = ("success", *self.measures)
+        checks.instance("other", other, Report | None, "a Report")
+        there = self if other is None else other
+        a, b = self.key(first, case, step_size), there.key(second, case, step_size)
+        names = ("success", *(name for name in self.measures if name in there.measures))
         if not checks.flag("peeking", peeking):
-            return differences(self.source, a, b, names)
+            return differences(self.source, a, b, names, there.source)
         running = {name: RunningDifference(name, 0.05) for name in names}
-        for rows in paired_blocks(self.source, a, b, names):
+        for rows in paired_blocks(self.source, a, b, names, there.source):
             for known in running.values():
                 known.add(*rows)
         return {name: known.interval() for name, known in running.items()}

@@ -1,7 +1,9 @@
 """A plan of a task in one call; and no task has a place in code that all share."""
 
+import importlib
 import re
 import runpy
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -266,3 +268,24 @@ def test_a_scene_that_only_generic_kernels_take_is_planned():
     assert plan.status != ddp.Status.DYNAMICS_FAILED and plan.xs.shape == (61, 50)
     sim = slcp.Simulator(task.scene, task.options, device="cpu")
     np.testing.assert_allclose(sim.rollout(task.scene.x0, plan.us).states, plan.xs, atol=1e-8)
+
+
+def test_a_start_beyond_a_limit_is_told(monkeypatch):
+    """A plan would live on what throws it back."""
+    monkeypatch.setattr(
+        importlib.import_module(f"{ddp.__name__}.planning.plan"), "plan_late", lambda *_: None
+    )
+    bodies = (
+        slcp.Body("arm", 1.0, 0.05, lower=-0.5, upper=0.5),
+        slcp.Body("hand", 0.5, 0.02, parent="arm", anchor=(0.4, 0.0), upper=1.2),
+    )
+    scene = slcp.Scene("arm", bodies, actuators=(slcp.Actuator("arm"),))
+    cost = slcp.costs.terms(scene, [slcp.costs.effort(1.0)])
+    task = slcp.Task(name="reach", scene=scene, cost=cost, horizon=3, start={"hand.angle": 1.311})
+    with pytest.warns(RuntimeWarning, match="x0 has hand.angle 0.111 above its upper limit"):
+        ddp.plan(task)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ddp.plan(task, x0=[0.5, 1.2, 3.0, 4.0])
+    with pytest.warns(RuntimeWarning, match="x0 has arm.angle 0.25 below its lower limit"):
+        ddp.plan(task, x0=[-0.75, 0.0, 0.0, 0.0])

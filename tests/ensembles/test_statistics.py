@@ -69,6 +69,20 @@ def test_no_bit_depends_on_chunks(chunks):
         np.testing.assert_array_equal(other.table[name], column)
 
 
+def test_two_reports_compare_as_one_does():
+    one, two = (MemorySource() for _ in range(2))
+    for found, (key, seed, count) in ((one, (A, 1, 3 * BLOCK + 17)), (two, (B, 2, 2 * BLOCK + 5))):
+        found.add(key, rows(seed, count))
+    first, second = slcp.Report(None, one), slcp.Report(None, two)
+    assert first.compare("a", "b", other=second) == WHOLE.compare("a", "b")
+    assert first.compare("a", "b", peeking=True, other=second) == WHOLE.compare("a", "b", peeking=True)
+    assert first.compare("a", "a", other=first) == WHOLE.compare("a", "a")
+    with pytest.raises(slcp.ArgumentError, match="policy is 'a'; choose from"):
+        first.compare("a", "a", other=second)
+    with pytest.raises(TypeError, match="other is a MemorySource; a Report is needed"):
+        first.compare("a", "b", other=two)
+
+
 def test_the_summary_is_that_of_the_columns():
     for row, (seed, count) in zip(WHOLE.summary, ((1, 3 * BLOCK + 17), (2, 2 * BLOCK + 5))):
         columns = rows(seed, count)

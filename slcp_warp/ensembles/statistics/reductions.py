@@ -55,22 +55,25 @@ def quantiles_of_part(
     }
 
 
-def differences(source: Source, first: Key, second: Key, names: Sequence[str]) -> dict[str, Interval]:
-    """Mean differences first - second of columns of the same worlds, with 95 % intervals.
+def differences(
+    source: Source, first: Key, second: Key, names: Sequence[str], other: Source | None = None
+) -> dict[str, Interval]:
+    """Mean differences first - second of columns of the same worlds, with 95 % intervals; `other`: what the
+    second part is of.
 
     Over the worlds that both have, where both columns are finite; that of success is one of shares.
     """
     out = dict.fromkeys(names, Moments())
-    one, other, worlds = 0, 0, 0
-    for a, b in paired_blocks(source, first, second, names):
+    one, two, worlds = 0, 0, 0
+    for a, b in paired_blocks(source, first, second, names, other):
         for name in names:
             change = difference(a[name], b[name])
             out[name] += Moments.of(change)
             if name == "success":
-                one, other = one + int((change > 0.0).sum()), other + int((change < 0.0).sum())
+                one, two = one + int((change > 0.0).sum()), two + int((change < 0.0).sum())
                 worlds += len(change)
     found = {name: moments.interval() for name, moments in out.items()}
-    return found | ({"success": shares_interval(one, other, worlds)} if "success" in found else {})
+    return found | ({"success": shares_interval(one, two, worlds)} if "success" in found else {})
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -81,16 +84,15 @@ def difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def paired_blocks(
-    source: Source, first: Key, second: Key, names: Sequence[str]
+    source: Source, first: Key, second: Key, names: Sequence[str], other: Source | None = None
 ) -> Iterator[tuple[Columns, Columns]]:
-    """The blocks of two parts, with the worlds that both have."""
-    streams = [source.blocks(key, names) for key in (first, second)]
+    """The blocks of two parts, with the worlds that both have; `other`: what the second one is of."""
+    streams = [source.blocks(first, names), (other or source).blocks(second, names)]
     a, b = (next(stream, None) for stream in streams)
     while a is not None and b is not None:
-        at, other = (int(block["world"][0]) // BLOCK for block in (a, b))
-        if at == other:
+        ahead = int(a["world"][0]) // BLOCK - int(b["world"][0]) // BLOCK
+        if ahead == 0:
             yield _shared(a, b)
-        ahead = at - other
         if ahead <= 0:
             a = next(streams[0], None)
         if ahead >= 0:

@@ -44,9 +44,9 @@ class Starts:
             begin = f"{self.overlapping:,} of {self.worlds:,} worlds begin in overlap"
             warnings.warn(
                 f"{begin}, of {self.deepest:.2g} at most, which their first steps open at once, with speeds "
-                f"to {self.speed:.2g} a second, unless Options.depenetration_speed is less: starts that fit "
-                "what is drawn are needed (Disturbances.follow moves them with it, Worlds.x0 gives them; a "
-                "sweep's column start_overlap says which worlds)",
+                f"to {self.speed:.2g} a second (m, of joints rad), unless Options.depenetration_speed is "
+                "less: starts that fit what is drawn are needed (Disturbances.follow moves them with it, "
+                "Worlds.x0 gives them; a sweep's column start_overlap says which worlds)",
                 RuntimeWarning,
                 stacklevel=stacklevel + 1,
             )
