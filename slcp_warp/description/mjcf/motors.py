@@ -9,6 +9,8 @@ g^2 times its own.
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from .names import named
 from .plane import MjcfError
 
@@ -59,6 +61,21 @@ def gain_of(m: Any, i: int) -> tuple[str, int, float]:
         )
     gain = float(m.actuator_gear[i, 0] * m.actuator_gainprm[i, 0])
     return kind, int(m.actuator_trnid[i, 0]), gain
+
+
+def force_limits(m: Any) -> tuple[np.ndarray, np.ndarray]:
+    """What the forceranges of motors leave of their controls, (lower, upper), each (nu,): MuJoCo clamps gain
+    u; infinite of other actuators, whose force is not the control's alone.
+    """
+    import mujoco
+
+    lower, upper = np.full(m.nu, -np.inf), np.full(m.nu, np.inf)
+    for i in np.flatnonzero(np.asarray(m.actuator_forcelimited, bool)):
+        gain = float(m.actuator_gainprm[i, 0])
+        motor = m.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED and gain != 0.0
+        if motor and m.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE:
+            lower[i], upper[i] = sorted(np.asarray(m.actuator_forcerange[i], float) / gain)
+    return lower, upper
 
 
 def servos(m: Any) -> dict[tuple[str, int], Servo]:

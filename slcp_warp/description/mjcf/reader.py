@@ -24,7 +24,7 @@ from .bounds import check_bounds
 from .contacts import read_contacts
 from .equalities import Equalities, joints_held, warn_of_start
 from .joints import Joints, Link
-from .motors import TENDON, Coordinate, gain_of, servos
+from .motors import TENDON, Coordinate, force_limits, gain_of, servos
 from .names import Names, named
 from .plane import MjcfError, Place, Plane, angle_of, plane_of
 from .refused import EQUALITIES, FRICTIONLOSS, TENDONS, WORDS, is_disabled, refuse_what_is_missing
@@ -84,8 +84,9 @@ def load_mjcf(
 
 
 def mjcf_control_limits(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
-    """The ranges of a model's controls (`ctrlrange`), in the order of the scene's that `load_mjcf` reads:
-    (lower, upper), each (nu,), infinite where a control has none; for `Task.control_limits`.
+    """The ranges of a model's controls (`ctrlrange`, and of motors `forcerange` over their gain), in the
+    order of the scene's that `load_mjcf` reads: (lower, upper), each (nu,), infinite where a control has
+    none; for `Task.control_limits`.
 
     Raises:
         MjcfError: a file that MuJoCo does not compile.
@@ -98,7 +99,9 @@ def mjcf_control_limits(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.nd
         model = _model(mujoco, path)
     limited = np.asarray(model.actuator_ctrllimited, bool)
     ends = np.asarray(model.actuator_ctrlrange, float).reshape(-1, 2).T
-    return np.where(limited, ends[0], -np.inf), np.where(limited, ends[1], np.inf)
+    lower, upper = np.where(limited, ends[0], -np.inf), np.where(limited, ends[1], np.inf)
+    forces = force_limits(model)
+    return np.maximum(lower, forces[0]), np.minimum(upper, forces[1])
 
 
 def _is_made(m: Any, field: str, i: int, brakes: bool) -> bool:

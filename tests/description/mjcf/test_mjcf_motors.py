@@ -99,3 +99,29 @@ def test_same_motion(models):
         there = [*(SIGNS * (data.qpos - model.qpos0)), *(SIGNS * data.qvel)]
         errors.append(np.abs(np.ravel(run.states)[-2 * model.nv :] - there).max())
     assert errors[0] < 0.05 and 0.4 < errors[1] / errors[0] < 0.6
+
+
+def test_forceranges_of_motors_limit_their_controls(tmp_path):
+    """MuJoCo clamps gain u; of a servo, whose force is not the control's alone, nothing is said."""
+    path = tmp_path / "model.xml"
+    actuators = (
+        '<motor joint="one" gear="3" forcerange="-4 6"/>'
+        '<general joint="two" gainprm="-2" forcerange="-4 6" ctrlrange="-1 9" ctrllimited="true"/>'
+        '<position joint="three" kp="12" forcerange="-1 1"/>'
+    )
+    path.write_text(MODEL.replace("ACTUATORS", actuators))
+    lower, upper = slcp.mjcf_control_limits(path)
+    assert lower.tolist() == [-4.0, -1.0, -np.inf] and upper.tolist() == [6.0, 2.0, np.inf]
+    with pytest.raises(slcp.MjcfError, match="actuator .*: forcerange is limited"):
+        slcp.load_mjcf(path)
+    assert slcp.load_mjcf(path, left_out=("forcerange",)).nu == 3
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    for i, bound in ((0, lower), (0, upper), (1, upper)):
+        forces = []
+        for far in (1.0, 1.5):
+            data.ctrl[:] = 0.0
+            data.ctrl[i] = far * bound[i]
+            mujoco.mj_forward(model, data)
+            forces.append(data.actuator_force[i])
+        assert forces[0] == forces[1] != 0.0
