@@ -108,13 +108,13 @@ def effort(weight: float) -> Term:
     return Term("square", weight, control=EVERY)
 
 
-def terms(scene: Scene, running: Sequence[Term], final: Sequence[Term] = ()) -> Cost:
+def terms(scene: Scene, running: Sequence[Term] = (), final: Sequence[Term] = ()) -> Cost:
     """The sum of the running terms over all steps and of the final terms at the last state.
 
     Args:
         scene: whose states, controls and bodies the terms name.
         running: of x_k and u_k, k = 0 .. N - 1.
-        final: of x_N, of states and points only.
+        final: of x_N, of states and points only; at least one term of either is needed.
 
     Raises:
         ArgumentError: a name that the scene has not got, a final term of a control or for a time, or a time

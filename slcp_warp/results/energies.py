@@ -8,11 +8,12 @@ import numpy as np
 from slcp_warp.kernels.gradients.generic.spans import TAIL
 
 from ..parameters import Parameters
+from ..storage.printed import Arrays
 from .moving import MovingBodies, moving_bodies
 
 
-@dataclass(frozen=True)
-class Energies:
+@dataclass(frozen=True, repr=False)
+class Energies(Arrays):
     """Energies of states, arrays (...) as these are, in float64 [J].
 
     Attributes:

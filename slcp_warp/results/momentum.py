@@ -10,11 +10,12 @@ from ..description.kinematics import across
 from ..inputs import checks
 from ..inputs.errors import ArgumentError
 from ..parameters import Parameters
+from ..storage.printed import Arrays
 from .moving import moving_bodies
 
 
-@dataclass(frozen=True)
-class Momentum:
+@dataclass(frozen=True, repr=False)
+class Momentum(Arrays):
     """Momentum of states, arrays (...) as these are, in float64.
 
     Attributes:
