@@ -1,7 +1,10 @@
 """How the solution of the convex law, r(z) = J v' + d/h - s(-z) = 0 with D lambda = s(z), changes.
 
 The implicit function theorem with the factor that Newton uses: (dv', dz) solves
-[M, -J' s'(z)/D; J, s'(-z)] (dv', dz) = -(F1, F2). No iteration is differentiated.
+[M, -J' s'(z)/D; J, s'(-z)] (dv', dz) = -(F1, F2). No iteration is differentiated. Smoothed rows of which one
+repeats others (a foot that stands on both of its ends has four in a plane of three) and which press no harder
+than their data suggest yield as generic kernels' do: impulses change places there within 1e-11 of a row's
+velocity, and what they ask for beyond that is rounding over nothing.
 """
 
 from types import SimpleNamespace
@@ -19,6 +22,9 @@ from ..specialisation import Specialisation
 from .dual import make_dual
 from .elimination import PROXIMAL, make_row_elimination
 
+YIELDING = {wp.float64: 1e-11, wp.float32: 0.0}  # diag(A) dlambda by which such a row yields
+PRESSED = 30.0  # diag(A) lambda, by the velocities of its data, from which it yields as it is
+
 
 @cached
 def make_convex_response(spec: Specialisation) -> SimpleNamespace:
@@ -32,12 +38,29 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
     elimination, sm = make_row_elimination(spec), make_smoothing(dtype, method.residual)
     refinement = make_refinement(spec)
     TAU, ONE, SHARE = dtype(PROXIMAL[dtype]), dtype(1.0), dtype(SMALL[dtype])
+    YIELDS, MOST = dtype(YIELDING[dtype]), dtype(PRESSED)
+    yields = YIELDING[dtype] > 0.0 and not method.hard
 
     @wp.struct
     class Factor:
         saddle: elimination.Factor
         slope: VR  # s'(z)
         near: int  # 1: rows nearly oppose or repeat each other, solutions are refined
+        floor: VR  # s'(-z) is no less
+
+    @wp.func(inline=False)
+    def floors(world: t.World, p: Problem, lam: VR, slope: VR, diag: VR):
+        """What s'(-z) of the rows that press no harder than their data suggest is no less than."""
+        out = VR()
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                terms = wp.abs(p.rate[i]) + wp.static(noise.level[i])(world, p.sigma)
+                terms += wp.abs(wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[i])
+                for j in range(wp.static(s.nv)):
+                    terms += wp.abs(p.jac[i, j] * p.vfree[j])
+                if lam[i] * diag[i] <= MOST * terms:
+                    out[i] = YIELDS * slope[i] * diag[i] / p.scale[i]
+        return out
 
     @wp.func
     def factor(world: t.World, p: Problem, lam: VR, z: VR, normals: JR):
@@ -61,6 +84,14 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
             if (p.mask & wp.static(1 << i)) != 0:
                 if TAU * out.slope[i] * diag[i] * out.saddle.weight[i] > SHARE:
                     out.near = 1
+        if wp.static(yields):
+            if seldom(out.near == 1):
+                out.floor = floors(world, p, lam, out.slope, diag)
+                for i in range(wp.static(NR)):
+                    slack[i] = wp.max(slack[i], out.floor[i])
+                out.saddle = wp.static(elimination.factor)(
+                    p.minv, p.jac, p.scale, diag, out.slope, slack, p.mask, TAU
+                )
         return out
 
     @wp.func
@@ -79,7 +110,8 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
                 f = wp.static(r.adds[i])(f, jac, fac.slope[i] / scale[i] * dz[i])
-                rest[i] = f2[i] - wp.static(r.dots[i])(jac, dv) - (ONE - fac.slope[i]) * dz[i]
+                rest[i] = f2[i] - wp.static(r.dots[i])(jac, dv)
+                rest[i] = rest[i] - wp.max(ONE - fac.slope[i], fac.floor[i]) * dz[i]
         return solve(fac, minv, jac, scale, mask, dv0 - dv + minv * f, rest, 0)
 
     @wp.func
