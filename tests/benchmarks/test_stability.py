@@ -203,7 +203,7 @@ def test_stiff_dampers_slow_down_springs_stay_and_guides_along_a_surface_are_jud
     )
     rows = run_battery(CASES, Selection(names, ("hard",), ("float64",), (), (0.01,)), lambda line: None)
     assert {row["case"] for row in rows} == set(names)
-    assert {row["integrator"] for row in rows} == {"euler", "trapezoidal"}
+    assert {row["integrator"] for row in rows} == {"euler", "leapfrog", "trapezoidal"}
     assert {row["verdict"] for row in rows} == {PASS}
 
 
@@ -214,7 +214,10 @@ def test_heaps_and_chains_are_judged():
     rows = [row for row in run_battery(CASES, selection, lambda line: None) if row["friction"] == "anitescu"]
     assert {row["case"] for row in rows} == set(names) and SILENT not in {row["verdict"] for row in rows}
     kept = [row for row in rows if row["variant"] < 1e3 and row["status"] != "NONFINITE"]
-    assert len(kept) == 14 and {row["verdict"] for row in kept} == {PASS}
+    found = {rule: [row for row in kept if row["integrator"] == rule] for rule in ("euler", "leapfrog")}
+    assert len(found["euler"]) == 14 and {row["verdict"] for row in found["euler"]} == {PASS}
+    leaps = [row["verdict"] for row in found["leapfrog"] if row["case"] != "long chain"]  # no turning there
+    assert len(leaps) == 12 and set(leaps) == {PASS}
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from slcp_warp.description.kinematics import Array
 from .tree import COMPLEX_STEP, Mechanics
 
 
-def late(mech: Mechanics, q: Array, v: Array, u: Array, reached: Array) -> tuple[Array, Array]:
+def late(mech: Mechanics, q: Array, v: Array, u: Array | None, reached: Array) -> tuple[Array, Array]:
     """What that adds to the momentum of Euler's step, which leads to `reached`, and the size of its terms
     (B, nv).
     """

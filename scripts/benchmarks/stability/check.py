@@ -14,6 +14,7 @@ from slcp_warp.description.kinematics import Array
 from slcp_warp.kernels.method import Method
 
 from ..mechanics.contact import CHOICES, Touches, touches
+from ..mechanics.leaps import late
 from ..mechanics.tree import Mechanics, Motion
 from .equations import Problem
 
@@ -117,6 +118,9 @@ class Checker:
         mass = mechanics.effective(drive, method.trapezoidal).reshape(*q.shape, nv)
         if method.trapezoidal and not self.constant_forces():
             force, size = self._trapezoidal_force(mechanics, mass, q, v, u)
+        leaps = method.leapfrog and not self.constant_forces()
+        if leaps:
+            force, size = self._leapt(mechanics, mass, force, size, q, v, u)
         last = self.dynamics(q1, v1, None)[3]
         gap_after = self.contacts(q1)[0].min(-1)
         moved = h[..., None] * (0.5 * (v + v1) if method.trapezoidal else v1)
@@ -144,6 +148,8 @@ class Checker:
             motion, contact = np.where(better, m_error, motion), np.where(better, c_error, contact)
         if method.trapezoidal and not self.constant_forces():  # a predictor's impulses stretch springs
             motion = np.where(flies, motion, np.nan)
+        elif leaps:  # Coriolis forces are those of a prediction with contact
+            motion = np.where(flies, motion, np.nan)
         elif method.trapezoidal and np.any(self.p["damping"]):  # a predictor's impulses are felt by dampers
             motion = np.where(np.any(impulse != 0.0, -1), np.nan, motion)
         return Verdict(motion, contact, gap_after, np.concatenate([energy, last[:, -1:]], 1))
@@ -162,6 +168,23 @@ class Checker:
             for matrix, each in zip((mass, np.abs(mass)), moved)
         )
         return force, size
+
+    def _leapt(
+        self,
+        mechanics: Mechanics,
+        mass: Array,
+        force: Array,
+        size: Array,
+        q: Array,
+        v: Array,
+        u: Array | None,
+    ) -> tuple[Array, Array]:
+        """Euler's force (B, N, nv) and its size become the leapfrog's in free flight."""
+        h = self.p["step_size"][..., None]
+        reached = v + h * np.linalg.solve(mass, force[..., None])[..., 0]
+        of = _flat(q), _flat(v), None if u is None else _flat(u), _flat(reached)
+        added, more = (part.reshape(v.shape) / h for part in late(mechanics, *of))
+        return force + added, size + more
 
     def constant_forces(self) -> bool:
         """Whether the acceleration depends on the state by implicit dampers of joints alone, if at all: free
