@@ -13,7 +13,7 @@ from ..step.step import make_step
 @cached
 def make_linear(spec: Specialisation) -> SimpleNamespace:
     """The struct `Linear`, the law's `response`, and factored(world, sol, start) -> `start` with what
-    does not depend on what the step is differentiated by.
+    does not depend on what the step is differentiated by; factored_once(...): where nothing is refined.
     """
     s, dtype, method = spec
     step = make_step(spec, False)
@@ -37,19 +37,30 @@ def make_linear(spec: Specialisation) -> SimpleNamespace:
         dv: DV  # dv'/d(q, v, u)
         dz: DZ  # dz/d(q, v, u), where z is the law's unknown
 
-    @wp.func
-    def factored(world: t.World, sol: step.Solution, start: Linear):
-        lin = start
-        normals = t.JR()
-        for i in range(wp.static(s.nr)):
-            if (sol.mask & wp.static(1 << i)) != 0:
-                m = wp.static(rows.applies[i])(sol.minv, sol.jac)
-                for j in range(wp.static(s.nv)):
-                    normals[i, j] = m[j]
-        lin.factor = response.factor(world, step.posed(sol), sol.lam, sol.z, normals)
-        lin.rows.m = normals
-        return lin
+    def factored_by(factor: wp.Function) -> wp.Function:
+        @wp.func
+        def factored(world: t.World, sol: step.Solution, start: Linear):
+            lin = start
+            normals = t.JR()
+            for i in range(wp.static(s.nr)):
+                if (sol.mask & wp.static(1 << i)) != 0:
+                    m = wp.static(rows.applies[i])(sol.minv, sol.jac)
+                    for j in range(wp.static(s.nv)):
+                        normals[i, j] = m[j]
+            lin.factor = factor(world, step.posed(sol), sol.lam, sol.z, normals)
+            lin.rows.m = normals
+            return lin
+
+        return factored
 
     return SimpleNamespace(
-        step=step, response=response, Rows=Rows, Linear=Linear, factored=factored, NZ=NZ, DV=DV, DZ=DZ
+        step=step,
+        response=response,
+        Rows=Rows,
+        Linear=Linear,
+        factored=factored_by(response.yielding),
+        factored_once=factored_by(response.factor),
+        NZ=NZ,
+        DV=DV,
+        DZ=DZ,
     )

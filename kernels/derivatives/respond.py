@@ -50,6 +50,7 @@ def make_respond(spec: Specialisation, refines: bool = True) -> wp.Function:
 
         return fill
 
+    factored = linear.factored if refines else linear.factored_once
     fill, fill_refined = filled_by(response.solve), filled_by(response.refined)
 
     @wp.func(inline=False)
@@ -67,7 +68,7 @@ def make_respond(spec: Specialisation, refines: bool = True) -> wp.Function:
 
     @wp.func
     def respond(world: t.World, sol: step.Solution, start: Linear, source: linear.DV):
-        lin = linear.factored(world, sol, start)
+        lin = factored(world, sol, start)
         f1q, f2q, rows = contact.by_q(world, sol, lin)
         lin.rows = rows
         if wp.static(response.complete is not None):

@@ -39,14 +39,13 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
     refinement = make_refinement(spec)
     TAU, ONE, SHARE = dtype(PROXIMAL[dtype]), dtype(1.0), dtype(SMALL[dtype])
     YIELDS, MOST = dtype(YIELDING[dtype]), dtype(PRESSED)
-    yields = YIELDING[dtype] > 0.0 and not method.hard
 
     @wp.struct
     class Factor:
         saddle: elimination.Factor
         slope: VR  # s'(z)
         near: int  # 1: rows nearly oppose or repeat each other, solutions are refined
-        floor: VR  # s'(-z) is no less
+        floor: VR  # s'(-z) is no less, of `yielding`
 
     @wp.func(inline=False)
     def floors(world: t.World, p: Problem, lam: VR, slope: VR, diag: VR):
@@ -62,37 +61,42 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
                     out[i] = YIELDS * slope[i] * diag[i] / p.scale[i]
         return out
 
-    @wp.func
-    def factor(world: t.World, p: Problem, lam: VR, z: VR, normals: JR):
-        out = Factor()
-        diag = VR()
-        slack = VR()
-        for i in range(wp.static(NR)):
-            if (p.mask & wp.static(1 << i)) != 0:
-                if wp.static(method.hard):
-                    e = wp.static(sm.kink)(z[i])
-                else:
-                    sigma = wp.static(noise.level[i])(world, p.sigma)
-                    e = wp.static(sm.smooth)(z[i], sigma, ONE / sigma)
-                out.slope[i] = e[2]
-                slack[i] = e[3]
-                diag[i] = wp.static(r.dots[i])(p.jac, normals[i])
-        out.saddle = wp.static(elimination.factor)(
-            p.minv, p.jac, p.scale, diag, out.slope, slack, p.mask, TAU
-        )
-        for i in range(wp.static(NR)):
-            if (p.mask & wp.static(1 << i)) != 0:
-                if TAU * out.slope[i] * diag[i] * out.saddle.weight[i] > SHARE:
-                    out.near = 1
-        if wp.static(yields):
-            if seldom(out.near == 1):
-                out.floor = floors(world, p, lam, out.slope, diag)
-                for i in range(wp.static(NR)):
-                    slack[i] = wp.max(slack[i], out.floor[i])
-                out.saddle = wp.static(elimination.factor)(
-                    p.minv, p.jac, p.scale, diag, out.slope, slack, p.mask, TAU
-                )
-        return out
+    def factor_by(yields: bool) -> wp.Function:
+        @wp.func
+        def factor(world: t.World, p: Problem, lam: VR, z: VR, normals: JR):
+            out = Factor()
+            diag = VR()
+            slack = VR()
+            for i in range(wp.static(NR)):
+                if (p.mask & wp.static(1 << i)) != 0:
+                    if wp.static(method.hard):
+                        e = wp.static(sm.kink)(z[i])
+                    else:
+                        sigma = wp.static(noise.level[i])(world, p.sigma)
+                        e = wp.static(sm.smooth)(z[i], sigma, ONE / sigma)
+                    out.slope[i] = e[2]
+                    slack[i] = e[3]
+                    diag[i] = wp.static(r.dots[i])(p.jac, normals[i])
+            out.saddle = wp.static(elimination.factor)(
+                p.minv, p.jac, p.scale, diag, out.slope, slack, p.mask, TAU
+            )
+            for i in range(wp.static(NR)):
+                if (p.mask & wp.static(1 << i)) != 0:
+                    if TAU * out.slope[i] * diag[i] * out.saddle.weight[i] > SHARE:
+                        out.near = 1
+            if wp.static(yields):
+                if seldom(out.near == 1):
+                    out.floor = floors(world, p, lam, out.slope, diag)
+                    for i in range(wp.static(NR)):
+                        slack[i] = wp.max(slack[i], out.floor[i])
+                    out.saddle = wp.static(elimination.factor)(
+                        p.minv, p.jac, p.scale, diag, out.slope, slack, p.mask, TAU
+                    )
+            return out
+
+        return factor
+
+    factor, yielding = factor_by(False), factor_by(YIELDING[dtype] > 0.0 and not method.hard)
 
     @wp.func
     def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
@@ -173,6 +177,6 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         return out
 
     return SimpleNamespace(
-        Factor=Factor, factor=factor, solve=solve, refined=refined, dual=dual, transposed=transposed,
-        complete=None, roots=True, scaled=method.inertia_scaling,
+        Factor=Factor, factor=factor, yielding=yielding, solve=solve, refined=refined, dual=dual,
+        transposed=transposed, complete=None, roots=True, scaled=method.inertia_scaling,
     )  # fmt: skip

@@ -182,6 +182,7 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
     return SimpleNamespace(
         Factor=Factor,
         factor=factor,
+        yielding=factor,
         solve=solve,
         refined=refined,
         dual=dual,

@@ -227,6 +227,7 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
     return SimpleNamespace(
         Factor=Factor,
         factor=factor,
+        yielding=factor,
         solve=solve,
         refined=refined,
         dual=dual,

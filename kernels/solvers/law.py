@@ -8,6 +8,7 @@ changes with the problem. Another law is a file with these two factories, and it
 
 `make_response(spec)` returns the functions, at a solution (lambda, z) of a problem,
     factor(world, problem, lambda, z, normals) -> Factor; normals: M^-1 J_i' of the rows in the mask;
+    yielding(...): the same where what is near is refined, whose rows may yield more;
     solve(factor, minv, jac, scale, mask, dv0, f2, column) -> dv', dz, where dv0 is the change of v' at fixed
         lambda, -f2 that of w by J and d/h, and column the number of what is changed, q first; called for
         every column, and so without the rest of the problem, which would be copied each time;
