@@ -44,7 +44,7 @@ def test_a_law_keeps_the_contract(method, law):
     assert law_of(method) is law
     spec = Specialisation(slcp.scenes.sliding_block().structure, wp.float64, method)
     response = vars(law.make_response(spec))
-    shared = {"Factor", "factor", "solve", "refined", "dual", "complete", "roots", "scaled"}
+    shared = {"Factor", "factor", "yielding", "solve", "refined", "dual", "complete", "roots", "scaled"}
     assert shared <= response.keys() <= shared | {"transposed"}
     assert ("transposed" in response) == law.second == response["roots"]
 
