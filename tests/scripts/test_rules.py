@@ -46,8 +46,13 @@ def test_cases_have_what_their_residual_offers():
     rules = Rules(friction="coulomb", integrator="trapezoidal", noise="state")
     found = rules.cases(slcp.Options(scaling="none"), "smoothed, hard")
     assert found == {
-        "smoothed": slcp.Options(scaling="none", integrator="trapezoidal", noise="state"),
-        "hard, coulomb": slcp.Options("hard", "none", "coulomb", "trapezoidal"),
+        "smoothed, trapezoidal": slcp.Options(scaling="none", integrator="trapezoidal", noise="state"),
+        "hard, coulomb, trapezoidal": slcp.Options("hard", "none", "coulomb", "trapezoidal"),
+    }
+    leap = Rules(integrator="leapfrog").cases(slcp.Options(), "hard, erm-logistic")
+    assert leap == {
+        "hard, leapfrog": slcp.Options("hard", integrator="leapfrog"),
+        "erm-logistic": slcp.Options("erm-logistic"),
     }
     assert list(found.values()) == rules.variants(slcp.Options(scaling="none"))
     own = slcp.Options("hard", friction="coulomb", gap="end")
