@@ -251,7 +251,9 @@ def test_a_foot_that_stands_on_both_ends_has_derivatives_in_all_kernels():
         -2.00431199481719, 2.2635121205984126,
     ]])  # fmt: skip
     u = np.array([[-21.115632286022695, 66.16102194866616, -16.487640999340073]])
-    weight = np.random.default_rng(0).standard_normal((1, 2, 12))
+    rng = np.random.default_rng(0)
+    x, u, weight = np.repeat(x, 64, 0), np.repeat(u, 64, 0), rng.standard_normal((64, 2, 12))
+    x[1:, :6] += 10.0 ** rng.uniform(-11.0, -7.0, (63, 1)) * rng.standard_normal((63, 6))
     own, common = [], []
     for strategy, found in (("specialised", own), ("generic", common)):
         sim = slcp.Simulator(leg(), device="cpu", dtype="float64", strategy=strategy)
@@ -262,4 +264,4 @@ def test_a_foot_that_stands_on_both_ends_has_derivatives_in_all_kernels():
         found += [lin.A, lin.B, back.x0, back.controls, *back.parameters.values()]
     for one, other in zip(own, common, strict=True):
         assert np.abs(other).max() > 1e-3
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8 * np.abs(other).max())
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-6 * np.abs(other).max())
