@@ -205,6 +205,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                     status = contacts_or_afresh(t, k)
         return status
 
+    # `solve_step` repeats it: called there it takes 209 registers on sm_90, where 208 are allowed
     @wp.func
     def free(t: wp.ref[Topology], k: wp.ref[Slot], first: int, last: int):
         """The same where nothing touches."""
