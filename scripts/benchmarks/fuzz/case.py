@@ -32,8 +32,9 @@ class CaseError(ValueError):
 @dataclasses.dataclass(frozen=True)
 class Case:
     """One world: a scene with its numbers, and those that a scene does not hold (sigma of every row, limits
-    that exclude each other), state (2 nv,), controls (nu,), options, precision, kernels, and what was found.
-    Of a world that is followed controls are (steps, nu), and the last step is the one that is judged.
+    that exclude each other), state (2 nv,), controls (nu,), options, precision, kernels, what was found, and
+    the device that runs it. Of a world that is followed controls are (steps, nu), and the last step is the
+    one that is judged.
     """
 
     scene: Scene
@@ -44,6 +45,7 @@ class Case:
     dtype: str
     strategy: str
     note: str = ""
+    device: str = "cpu"
 
     @property
     def worlds(self) -> Worlds:
@@ -53,7 +55,7 @@ class Case:
         return Worlds(numbers, self.x[None], self.u[None], np.zeros(1, int))
 
     def _simulator(self) -> Any:
-        return simulator(self.scene, self.options, self.dtype, self.strategy)
+        return simulator(self.scene, self.options, self.dtype, self.strategy, self.device)
 
     def states(self) -> Array:
         """States before and after every step (steps + 1, 2 nv) of a world that is followed."""
@@ -71,7 +73,7 @@ class Case:
             push, known = predicted(self.scene, worlds, self.options, self.dtype)
         reached = None
         if self.options.integrator == "leapfrog":
-            reached, known = led(self.scene, worlds, self.options)
+            reached, known = led(sim, worlds)
         found, done = judged(worlds, sim, push, out=out, reached=reached)
         found.doubt(known)
         return found, done
@@ -97,7 +99,7 @@ def case_of(failure: Failure) -> Case:
             f"{failure.verdict}, {failure.reason}, error {failure.error:.1e}")  # fmt: skip
     extra = {name: numbers[name] for name in EXTRA}
     return Case(baked(scene, numbers), extra, world.x[0], u, failure.options, failure.dtype,
-                task.strategy, note)  # fmt: skip
+                task.strategy, note, task.device)  # fmt: skip
 
 
 def save_case(case: Case, path: Path) -> None:
@@ -114,8 +116,8 @@ def save_case(case: Case, path: Path) -> None:
     write_text(path, json.dumps(content, indent=2) + "\n")
 
 
-def load_case(path: Path) -> Case:
-    """Read a case.
+def load_case(path: Path, device: str = "cpu") -> Case:
+    """Read a case, to be run on a device.
 
     Raises:
         CaseError: no such case.
@@ -133,7 +135,8 @@ def load_case(path: Path) -> Case:
         if u.ndim > 2 or shapes != [(size,) for size in sizes]:
             raise ValueError(f"{EXTRA}, x and u need {sizes} numbers")
         return Case(scene, numbers, x, u, Options(**content["options"]), str(content["dtype"]),
-                    RENAMED.get(content["strategy"], content["strategy"]), str(content["note"]))  # fmt: skip
+                    RENAMED.get(content["strategy"], content["strategy"]), str(content["note"]),
+                    device)  # fmt: skip
 
 
 def describe(case: Case) -> str:

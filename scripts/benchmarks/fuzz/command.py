@@ -12,6 +12,7 @@ import typer
 import warp as wp
 from rich.console import Console
 
+from slcp_warp.inputs import checks
 from slcp_warp.options import CHOICES
 from slcp_warp.storage.files import write_text
 
@@ -165,6 +166,7 @@ def fuzz_command(
     ] = None,
     whole: Annotated[bool, typer.Option("--whole", help="Write failing cases as they were found.")] = False,
     replay: Annotated[Path | None, typer.Option(help="Run nothing but this case.")] = None,
+    device: Annotated[str, typer.Option(help="Whose steps are judged: cpu, cuda:0, ...")] = "cpu",
 ) -> None:
     """Random scenes and states under every method, judged by an oracle in NumPy that shares no code with the
     kernels; exit 1 if a world fails silently or has a status that a proof refutes.
@@ -177,15 +179,15 @@ def fuzz_command(
     for name in part or ():
         if name not in PARTS:
             raise ValueError(f"--part is {name!r}; choose from {list(PARTS)}")
+    on = str(checks.device(device).alias)
     if replay is not None:
-        case = load_case(replay)
+        case = load_case(replay, on)
         verdict, reason = case.verdict
         console.print(f"{describe(case)}\nnow: {verdict} {reason}", highlight=False, soft_wrap=True)
         raise typer.Exit(int(verdict in (SILENT, WRONG)))
-    parts = dict.fromkeys(part or ("steps",))
     tasks = [
-        dataclasses.replace(task, explains=unsolved is not None)
-        for name in parts
+        dataclasses.replace(task, explains=unsolved is not None, device=on)
+        for name in dict.fromkeys(part or ("steps",))
         for task in tasks_of(seed, worlds, structures, tuple(residual or ()), name)
     ]
     tally = run_all(tasks, jobs, began + 60.0 * minutes, console)
@@ -195,8 +197,7 @@ def fuzz_command(
     show(rows, console)
     console.print(f"{time.monotonic() - began:.0f} s, compiling included")
     if csv is not None:
-        facts = machine()
-        write_csv(csv, [row | facts for row in rows])
+        write_csv(csv, [row | machine() for row in rows])
         typer.echo(f"wrote {csv}")
     _write(table, lines_of(rows))
     _write(unsolved, unsolved_lines(rows))

@@ -101,7 +101,7 @@ def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tup
     """
     weight = np.random.default_rng(seed).standard_normal(x.shape)
     tracked = params.track()
-    kinds = {"dtype": sim.dtype, "device": "cpu"}
+    kinds = {"dtype": sim.dtype, "device": sim.device}
     start: Any = wp.array(x, requires_grad=True, **kinds)
     control: Any = wp.array(u, requires_grad=True, **kinds)
     with wp.Tape() as tape:

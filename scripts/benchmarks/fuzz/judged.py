@@ -35,13 +35,13 @@ def numbers_for(sim: Any, worlds: Worlds, seed: int = 0) -> dict[str, Array]:
     return numbers
 
 
-def simulator(scene: Scene, options: Options, dtype: str, strategy: str) -> Any:
+def simulator(scene: Scene, options: Options, dtype: str, strategy: str, device: str = "cpu") -> Any:
     """What steps a scene: "relay" has the specialised kernels without last resorts, and those that make what
     they leave.
     """
     fast = True if strategy == "relay" else None
     strategy = "specialised" if fast else strategy
-    return slcp.Simulator(scene, options, device="cpu", dtype=dtype, strategy=strategy, fast_path=fast)
+    return slcp.Simulator(scene, options, device=device, dtype=dtype, strategy=strategy, fast_path=fast)
 
 
 def kind_of(sim: Any) -> Any:
@@ -100,12 +100,14 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
         return Verdicts(problem, out, pose), done
 
 
-def led(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Array]:
-    """Where Euler's step of the worlds leads (B, nv), which other parts judge, and which are solved."""
-    euler = dataclasses.replace(options, integrator="euler")
-    sim = simulator(scene, euler, "float64", "generic")
-    found = step(sim, worlds, numbers_for(sim, worlds))
-    return np.asarray(found.state, float)[:, scene.nv :], np.asarray(found.status) == int(Status.SOLVED)
+def led(sim: Any, worlds: Worlds) -> tuple[Array, Array]:
+    """Where the Euler step of the worlds that a simulator's leapfrog begins with leads (B, nv), which other
+    parts judge, and which are solved.
+    """
+    options = dataclasses.replace(sim.options, integrator="euler")
+    euler = simulator(sim.scene, options, "float64", "generic", sim.device.alias)
+    found = step(euler, worlds, numbers_for(euler, worlds))
+    return np.asarray(found.state, float)[:, sim.scene.nv :], np.asarray(found.status) == int(Status.SOLVED)
 
 
 def predicted(scene: Scene, worlds: Worlds, options: Options, dtype: str) -> tuple[Array, Array]:

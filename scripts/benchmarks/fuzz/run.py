@@ -37,7 +37,7 @@ def run_task(task: Task, threads: int = 1) -> Tally:
                 _sweep(tally, task, chunk, worlds, options)
                 continue
             try:
-                sim = simulator(scene, options, dtype, task.strategy)
+                sim = simulator(scene, options, dtype, task.strategy, task.device)
             except StrategyError:
                 continue
             if truth is None:
@@ -48,7 +48,7 @@ def run_task(task: Task, threads: int = 1) -> Tally:
                 push, known = predicted(scene, worlds, options, dtype)
             reached = None
             if options.integrator == "leapfrog":
-                reached, known = led(scene, worlds, options)
+                reached, known = led(sim, worlds)
             verdicts, done = judged(worlds, sim, push, truth, reached=reached)
             places = [(chunk * task.per_chunk + i, None) for i in range(len(worlds.x))]
             _count(tally, task, places, worlds, options, dtype, verdicts, known)
@@ -61,8 +61,9 @@ def run_task(task: Task, threads: int = 1) -> Tally:
 def _sweep(tally: Tally, task: Task, chunk: int, worlds: Worlds, options: Options) -> None:
     """A sweep of the worlds, and a loop over steps that makes the same."""
     scene = task.make_scene()
-    equal, trusted = swept.compare(scene, worlds, task.controls(chunk, scene), options, task.strategy)
-    sim = simulator(scene, options, "float64", task.strategy)
+    us = task.controls(chunk, scene)
+    equal, trusted = swept.compare(scene, worlds, us, options, task.strategy, task.device)
+    sim = simulator(scene, options, "float64", task.strategy, task.device)
     places = np.flatnonzero(trusted)
     _compared(tally, task, chunk, worlds, sim, "sweep", places, equal[places])
 

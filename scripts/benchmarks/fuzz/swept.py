@@ -25,11 +25,12 @@ LAST_BIT, LOOPS = 2.0**-52, 24  # relative, of every state; loops that each have
 KICKS = (0.3, 0.7)  # when velocities are changed, as parts of a run
 
 
-def compare(scene: Scene, worlds: Worlds, us: Array, options: Options, strategy: str) -> tuple[Array, Array]:
+def compare(scene: Scene, worlds: Worlds, us: Array, options: Options, strategy: str,
+            device: str = "cpu") -> tuple[Array, Array]:  # fmt: skip
     """Which worlds a sweep and a loop end alike in (B,), and which of them can be compared (B,). The controls
     are a linear law about the first of `us` (B, steps, nu), whose others are gains and kicks.
     """
-    sim = simulator(scene, options, "float64", strategy)
+    sim = simulator(scene, options, "float64", strategy, device)
     numbers = numbers_for(sim, worlds) | {"step_size": np.full(len(worlds.x), scene.step_size)}
     params, steps = parameters(sim, numbers), us.shape[1]
     rng = np.random.default_rng(zlib.crc32(scene.name.encode()))
@@ -43,7 +44,7 @@ def compare(scene: Scene, worlds: Worlds, us: Array, options: Options, strategy:
                      disturbances=slcp.Disturbances(kick_times=times, kick=1.0))  # fmt: skip
     given = slcp.Worlds(worlds.x, params.table(), kicks)
     report = slcp.sweep(
-        task, law, worlds=given, cases=options, dtype="float64", device="cpu", strategy=strategy
+        task, law, worlds=given, cases=options, dtype="float64", device=device, strategy=strategy
     )
     found = report.part(report.parts[0]["policy"])
     at = [round(time / scene.step_size) for time in times]

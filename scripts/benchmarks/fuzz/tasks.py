@@ -36,7 +36,7 @@ GENERIC = [
 @dataclasses.dataclass(frozen=True)
 class Task:
     """A scene's worlds under some kernels: `scene` is its number; `chunks` of `per_chunk` worlds each;
-    `explains`: whether it is looked into why worlds are NOT_CONVERGED.
+    `explains`: whether it is looked into why worlds are NOT_CONVERGED; `device`: of Warp, by its name.
     """
 
     seed: int
@@ -47,6 +47,7 @@ class Task:
     per_chunk: int = CHUNK
     part: str = "steps"
     explains: bool = False
+    device: str = "cpu"
 
     @property
     def own(self) -> bool:
