@@ -18,9 +18,19 @@ from slcp_warp.scripts.app import app
 from slcp_warp.scripts.benchmarks.gpu import run as running
 from slcp_warp.scripts.benchmarks.gpu import sections
 from slcp_warp.scripts.benchmarks.gpu.against import compare
-from slcp_warp.scripts.benchmarks.gpu.checks import compiling, graphs, isolation, rates, states, sweeping
+from slcp_warp.scripts.benchmarks.gpu.checks import (
+    compiling,
+    crowds,
+    graphs,
+    isolation,
+    product,
+    rates,
+    states,
+    sweeping,
+)
 from slcp_warp.scripts.benchmarks.gpu.page import write_page
 from slcp_warp.scripts.benchmarks.gpu.processes import side_by_side
+from slcp_warp.scripts.benchmarks.gpu.product import PRODUCT, Use
 from slcp_warp.scripts.benchmarks.gpu.record import DONE, FAILED, LEFT_OUT, Found, Record, read, wrong
 from slcp_warp.scripts.benchmarks.gpu.sections import SECTIONS, Section
 from slcp_warp.scripts.benchmarks.gpu.setting import SMALL, Setting
@@ -84,6 +94,8 @@ def checks(events):
 @pytest.mark.slow
 def test_every_section_that_a_cpu_has_is_right_there(tmp_path, monkeypatch):
     monkeypatch.setattr(sweeping, "library", lambda setting: plan(setting, "float64"))  # compiles for long
+    monkeypatch.setattr(product, "PRODUCT", {"particles": PRODUCT["particles"]})  # the others are below
+    monkeypatch.setattr(crowds, "LAWS", {"hard": crowds.LAWS["hard"]})
     names = [name for name in SECTIONS if name != "kernels"]
     record = Record(tmp_path / "gpu.json", "cpu", names)
     running.run(record, SETTING, names, 600.0, quiet, apart=False)
@@ -97,6 +109,51 @@ def test_every_section_that_a_cpu_has_is_right_there(tmp_path, monkeypatch):
     write_page(tmp_path / "gpu.md", content, compare(content, content))
     page = (tmp_path / "gpu.md").read_text()
     assert "Nothing is wrong." in page and all(f"## {name}\n" in page for name in names)
+
+
+FEW = ("replay, specialised kernels", "environment, specialised kernels", "map", "sensitivity")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", [*FEW, *(pytest.param(n, marks=pytest.mark.full) for n in PRODUCT if n not in FEW)]
+)
+def test_what_people_run_is_the_same_twice(monkeypatch, name):
+    """On a CPU, both times: every number, of worlds that act."""
+    monkeypatch.setattr(product, "PRODUCT", {name: PRODUCT[name]})
+    found = checks(found_by(product.run))
+    assert found and all(found.values())
+    numbers = PRODUCT[name].run("cpu")
+    assert all(np.isfinite(a).any() for a in numbers.values())
+    assert max(np.ptp(a[np.isfinite(a)]) for a in numbers.values()) > 0.0 or name == "smallest kick"
+
+
+def test_a_product_that_differs_is_found(monkeypatch):
+    """Numbers that are further away in more worlds than may be, and what falls on one device."""
+    here = []
+
+    def other(device):
+        here.append(device)
+        return {"x": np.where(np.arange(100) < 5 * len(here), 1.0, 0.0), "same": np.array([np.nan, np.inf])}
+
+    def falls(device):
+        raise ArithmeticError("on purpose")
+
+    uses = {
+        "moved": Use(other, 0.1, 0.04),
+        "falls": Use(falls),
+        "not there": Use(falls, needs="no_such_module"),
+    }
+    monkeypatch.setattr(product, "PRODUCT", uses)
+    found = found_by(product.run)
+    assert checks(found) == {
+        "moved: x further than 0.1 from the CPU's": False,
+        "moved: same further than 0.1 from the CPU's": True,
+        "falls, cpu: it runs": False,
+    }
+    assert [e["text"] for e in found if e["kind"] == "notes"] == [
+        "not there: no_such_module is not installed"
+    ]
 
 
 def test_kernels_are_compiled_by_processes(monkeypatch):

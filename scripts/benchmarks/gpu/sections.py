@@ -6,10 +6,12 @@ from typing import NamedTuple
 from .checks import (
     beside,
     compiling,
+    crowds,
     environment,
     graphs,
     isolation,
     planning,
+    product,
     rates,
     slopes,
     states,
@@ -39,6 +41,7 @@ SECTIONS = {
     "kernels": Section(compiling.run, 240.0),
     "states": Section(states.run, 90.0),
     "derivatives": Section(slopes.run, 90.0),
+    "product": Section(product.run, 200.0),
     "random": Section(states.random_numbers, 40.0),
     "graphs": Section(graphs.run, 60.0),
     "streams": Section(streams.run, 60.0),
@@ -50,5 +53,6 @@ SECTIONS = {
     "host": Section(rates.host, 40.0),
     "planning": Section(planning.run, 90.0),
     "sweep": Section(sweeping.run, 90.0),
+    "crowds": Section(crowds.run, 150.0),
     "mujoco_warp": Section(beside.run, 60.0),
 }
