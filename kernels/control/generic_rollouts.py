@@ -6,7 +6,7 @@ The dynamics are compiled once for all scenes; what a trajectory costs is anothe
 
 import warp as wp
 
-from ..device.compile import packed
+from ..device.compile import of_any_scene
 from ..factories import cached
 from ..generic.step import make_step
 from ..generic.topology import Topology
@@ -62,7 +62,7 @@ def make_candidates_kernel(given: type, residual: str) -> wp.Kernel:
             k.v0[j] = v
         return good
 
-    @packed
+    @of_any_scene(residual != "none")
     def generic_candidates_kernel(
         first: int,
         base: int,

@@ -56,7 +56,7 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
         write(fx, fu, b, k, world.params[0], lin.dv, drift)
         return int(wp.static(SOLVED))
 
-    @fitted(method.fast and not second)
+    @fitted(method.fast and not second, 1 if second else len(s.pairs))
     def linearize_kernel(
         first: int,
         slot: int,

@@ -16,6 +16,10 @@ The environment variable SLCP_CPU_FLAGS replaces all flags of the CPU's compiler
 kernel's hash, so that caches do not mix; `.ci/full rounding` runs all tests that way. SLCP_STRIDES, where
 set, has a CPU's kernels read all arrays by their strides, as a GPU's do. SLCP_CUDA_REGISTERS is
 the number of registers that the fast kernels (`relay.py`) may take on a GPU, to be tried where one is.
+
+For a GPU large programs are compiled with optimisation level 2, which leaves functions apart that 3 puts into
+one another: minutes less, and about as fast where worlds differ (docs/performance.md). SLCP_CUDA_LEVEL=3
+takes these minutes. A CPU's compiler has level 2 anyway, and Warp asks for 3 of what is small.
 """
 
 import os
@@ -33,6 +37,7 @@ CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 INLINING = re.compile(r"(-inline(?:-cold-callsite)?-threshold=)\d+")
 INLINED = r"\g<1>20000"
 FAST_REGISTERS = 128  # of a thread: what spills for it costs less than more warps bring (docs/performance.md)
+LEVELS, LARGE = ("1", "2", "3"), "2"
 # C++ that a CPU's compiler makes less of: an array's element without a stride and without looking whether its
 # index counts from the end; a loop over a range that is too large for two registers, in which the compiler
 # loses sight of a step of one
@@ -83,6 +88,15 @@ def cpu_compiler_flags() -> str:
     return f"{'-march=native' if flags is None else INLINING.sub(INLINED, flags)} {CPU_ARITHMETIC}"
 
 
+def large_options() -> dict[str, Any]:
+    """Options of large programs: how far a GPU's compiler goes with them, where Warp is told nothing."""
+    text = os.environ.get("SLCP_CUDA_LEVEL", LARGE).strip()
+    if text not in LEVELS:
+        raise ValueError(f"SLCP_CUDA_LEVEL is {text!r}; one of {', '.join(LEVELS)} is needed")
+    level = {} if wp.config.optimization_level is not None else {"optimization_level": int(text)}
+    return {"cpu_compiler_flags": cpu_compiler_flags()} | level
+
+
 def specialised(function: Callable) -> wp.Kernel:
     """Decorator: a forward-only kernel with this package's arithmetic on a CPU, named after its code."""
     return named_by_code(cpu_compiler_flags=cpu_compiler_flags())(function)
@@ -99,15 +113,36 @@ def packed(function: Callable) -> wp.Kernel:
     return _packed(function)
 
 
-def fitted(fast: bool) -> Callable[[Callable], wp.Kernel]:
-    """Decorator: as `packed`; kernels that step all worlds, `fast` ones, have few registers on a GPU."""
-    most = int(os.environ.get("SLCP_CUDA_REGISTERS", FAST_REGISTERS)) if fast else None
-    return lambda function: _packed(function, most)
+def large(function: Callable) -> wp.Kernel:
+    """Decorator: as `packed`; a program of some hundred functions, which a GPU's compiler leaves apart."""
+    return _packed(function, options=large_options())
 
 
-def _packed(function: Callable, registers: int | None = None) -> wp.Kernel:
+def of_any_scene(contacts: bool) -> Callable[[Callable], wp.Kernel]:
+    """Decorator: as `packed`; kernels that serve any scene are `large` where they solve contacts."""
+    return large if contacts else packed
+
+
+def whole(pairs: int) -> Callable[[Callable], wp.Kernel]:
+    """Decorator: as `specialised`; kernels with last resorts are `large` where several pairs may touch."""
+    return named_by_code(**large_options()) if pairs > 1 else specialised
+
+
+def fitted(fast: bool, pairs: int = 1) -> Callable[[Callable], wp.Kernel]:
+    """Decorator: as `packed`; kernels that step all worlds, `fast` ones, have few registers on a GPU, others
+    are `large` where several pairs may touch.
+    """
+    most = int(os.environ.get("SLCP_CUDA_REGISTERS", FAST_REGISTERS))
+    if fast:
+        return lambda function: _packed(function, most)
+    return large if pairs > 1 else packed
+
+
+def _packed(
+    function: Callable, registers: int | None = None, options: dict[str, Any] | None = None
+) -> wp.Kernel:
     own = own_alone(function) and not os.environ.get("SLCP_STRIDES")
-    options = {"cpu_compiler_flags": cpu_compiler_flags()}
+    options = options or {"cpu_compiler_flags": cpu_compiler_flags()}
     kernel = _declare(function, options, registers=registers, preamble=PACKED if own else None)
     kernel.packed = own
     return kernel

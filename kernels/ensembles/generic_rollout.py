@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..device.compile import packed
+from ..device.compile import of_any_scene
 from ..factories import cached
 from ..generic.step import make_step
 from ..generic.topology import Topology
@@ -54,7 +54,7 @@ def make_policy_rollout_kernel(
     asked = make_policy(policy, 2 * nv, nu, given)
     Policy = asked.Struct
 
-    @packed
+    @of_any_scene(residual != "none")
     def generic_policy_kernel(
         first: int,
         base: int,

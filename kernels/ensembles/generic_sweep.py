@@ -7,7 +7,7 @@ ends and the next one goes on.
 import warp as wp
 
 from ..contact.problem import COLD
-from ..device.compile import packed
+from ..device.compile import of_any_scene
 from ..factories import cached
 from ..generic.topology import Topology
 from ..generic.work import ROWS, WORK, Slot, Work, view
@@ -74,7 +74,7 @@ def make_generic_sweep_kernel(
             span.warm[i, t.nr + 2 * n] = given(k.normal[n][0])
             span.warm[i, t.nr + 2 * n + 1] = given(k.normal[n][1])
 
-    @packed
+    @of_any_scene(residual != "none")
     def generic_sweep_kernel(
         first: int,
         base: int,

@@ -61,7 +61,7 @@ def make_sweep_kernel(
             span.state[i, j] = x[j]
         batch.leave(span.warm, i, carry)
 
-    @fitted(method.fast)
+    @fitted(method.fast, len(s.pairs))
     def sweep_kernel(
         first: int,
         slot: int,

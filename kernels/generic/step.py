@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..contact.problem import COLD
-from ..device.compile import packed
+from ..device.compile import of_any_scene
 from ..factories import cached
 from ..method import Method
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
@@ -264,7 +264,7 @@ def make_step_kernel(given: type, residual: str) -> wp.Kernel:
     step = make_step(given, residual)
     UNUSED, ZERO = WORK(COLD), WORK(0.0)
 
-    @packed
+    @of_any_scene(residual != "none")
     def generic_step_kernel(
         first: int,
         base: int,
@@ -326,7 +326,7 @@ def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
     """Roll every world out under its controls, as `rollout.make_rollout_kernel` does under an open loop."""
     step = make_step(given, residual)
 
-    @packed
+    @of_any_scene(residual != "none")
     def generic_rollout_kernel(
         first: int,
         base: int,

@@ -3,7 +3,7 @@
 import warp as wp
 
 from ..derivatives.sensitivity import make_linearization
-from ..device.compile import specialised
+from ..device.compile import specialised, whole
 from ..factories import cached
 from ..policies.pieces import make_wrap
 from ..policies.tracking import make_tracking
@@ -112,7 +112,7 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
             out += wp.abs(g[j])
         return out
 
-    @specialised
+    @whole(len(s.pairs))
     def adjoint_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),

@@ -22,7 +22,7 @@ def make_step_relay(spec: Specialisation) -> wp.Kernel:
     batch = make_batch(spec, True)
     step = batch.step
 
-    @fitted(method.fast)
+    @fitted(method.fast, len(s.pairs))
     def step_relay_kernel(
         first: int,
         slot: int,
@@ -67,7 +67,7 @@ def make_rollout_relay(spec: Specialisation, policy: PolicyKernel, exact_gap: bo
     asked = make_policy(policy, NX, s.nu, dtype)
     Policy = asked.Struct
 
-    @fitted(method.fast)
+    @fitted(method.fast, len(s.pairs))
     def rollout_relay_kernel(
         first: int,
         slot: int,

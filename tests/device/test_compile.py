@@ -7,7 +7,17 @@ import sys
 import pytest
 import warp as wp
 
-from slcp_warp.kernels.device.compile import CPU_ARITHMETIC, code_digest, cpu_compiler_flags, named_by_code
+from slcp_warp.kernels.device.compile import (
+    CPU_ARITHMETIC,
+    code_digest,
+    cpu_compiler_flags,
+    fitted,
+    large,
+    large_options,
+    named_by_code,
+    of_any_scene,
+    whole,
+)
 from slcp_warp.kernels.device.digest import OpaqueError, content_digest
 
 RUN = """
@@ -63,6 +73,31 @@ def test_flags_of_the_environment_replace_all_others(monkeypatch):
     assert cpu_compiler_flags().endswith(CPU_ARITHMETIC) and "-march=native" in cpu_compiler_flags()
     monkeypatch.setattr(wp.config, "cpu_compiler_flags", "-mllvm=-inline-threshold=9000 -mllvm=-slp-x=4")
     assert cpu_compiler_flags().startswith("-mllvm=-inline-threshold=20000 -mllvm=-slp-x=4 ")
+
+
+def test_large_programs_are_compiled_sooner_for_a_gpu(monkeypatch):
+    """At level 2 unless the environment says otherwise; whoever tells Warp a level has it everywhere."""
+    monkeypatch.setattr(wp.config, "optimization_level", None)
+    monkeypatch.delenv("SLCP_CUDA_LEVEL", raising=False)
+
+    def level(declare):
+        def kernel(x: wp.array(dtype=float)):
+            x[wp.tid()] = 1.0
+
+        return declare(kernel).module.options["optimization_level"]
+
+    kinds = (large, fitted(False, 2), whole(2), of_any_scene(True))
+    assert [level(declare) for declare in kinds] == [2, 2, 2, 2]
+    others = (fitted(True, 2), fitted(False), whole(1), of_any_scene(False))  # small, or worth it
+    assert [level(declare) for declare in others] == [None] * 4
+    monkeypatch.setenv("SLCP_CUDA_LEVEL", "3")
+    assert level(large) == 3
+    monkeypatch.setenv("SLCP_CUDA_LEVEL", "0")
+    with pytest.raises(ValueError, match="SLCP_CUDA_LEVEL is '0'; one of 1, 2, 3 is needed"):
+        large_options()
+    monkeypatch.setenv("SLCP_CUDA_LEVEL", "2")
+    monkeypatch.setattr(wp.config, "optimization_level", 0)
+    assert level(large) is None
 
 
 def test_a_users_functions_are_told_apart_by_values_in_loops():

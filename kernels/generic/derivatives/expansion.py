@@ -38,7 +38,7 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
     rows = make_row_slopes(given, residual) if contacts else None
     columns, system = make_columns(given, residual), make_system(given, residual)
 
-    @wp.func
+    @wp.func(inline=False)
     def ready(
         t: wp.ref[Topology],
         k: wp.ref[Slot],
@@ -74,7 +74,7 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
             pairs = rows.prepare(t, k, g, d, b, n)
         return n, pairs
 
-    @wp.func
+    @wp.func(inline=False)
     def columns_of(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, n: int,
         pairs: int, first: int, leaps: int,

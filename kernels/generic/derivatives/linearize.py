@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ...device.compile import packed
+from ...device.compile import of_any_scene
 from ...factories import cached
 from ...status import NOT_CONVERGED, SOLVED
 from ..motion.mechanism import COLUMN, make_mechanism
@@ -105,7 +105,7 @@ def make_linearize_kernel(given: type, residual: str) -> wp.Kernel:
     """
     expansion, differentiate = make_expansion(given, residual), make_differentiate(given, residual)
 
-    @packed
+    @of_any_scene(residual != "none")
     def generic_linearize_kernel(
         first: int,
         base: int,

@@ -4,7 +4,7 @@ parameters. What `gradients/adjoint.py` gives of specialised ones.
 
 import warp as wp
 
-from ...device.compile import packed
+from ...device.compile import of_any_scene
 from ...factories import cached
 from ...generic.derivatives.tables import Groups
 from ...generic.topology import Topology
@@ -169,7 +169,7 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
             for j in range(w.grad.shape[0]):
                 params_grad[world, j] = params_grad[world, j] + given(w.grad[j])
 
-    @packed
+    @of_any_scene(residual != "none")
     def generic_adjoint_kernel(
         first: int,
         base: int,

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from ...device.compile import packed
+from ...device.compile import of_any_scene
 from ...factories import cached
 from ...generic.derivatives.expansion import make_expansion
 from ...generic.derivatives.linearize import make_writer
@@ -137,7 +137,7 @@ def make_curvature_kernel(given: type, residual: str) -> wp.Kernel:
             write(e, b, second[output], 1, 1)
         return int(wp.static(SOLVED))
 
-    @packed
+    @of_any_scene(residual != "none")
     def generic_curvature_kernel(
         first: int,
         base: int,
