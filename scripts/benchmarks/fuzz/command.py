@@ -197,7 +197,7 @@ def fuzz_command(
     show(rows, console)
     console.print(f"{time.monotonic() - began:.0f} s, compiling included")
     if csv is not None:
-        write_csv(csv, [row | machine() for row in rows])
+        write_csv(csv, [row | facts for facts in [machine()] for row in rows])
         typer.echo(f"wrote {csv}")
     _write(table, lines_of(rows))
     _write(unsolved, unsolved_lines(rows))
