@@ -47,6 +47,7 @@ PATIENCE = 600.0  # seconds that a process waits for another one's compiler befo
 BLOCK = 64
 
 _loaded: dict[str, "weakref.WeakSet[wp.Kernel]"] = {}
+_elsewhere: list[int] = []  # kinds of GPUs that need not be here
 _prepared = False
 _looking = threading.Lock()  # one thread at a time finds that the folder cannot be used
 
@@ -58,6 +59,33 @@ class KernelCacheError(OSError):
 def block_of(device: wp.Device) -> int:
     """Threads of a block of a launch."""
     return 1 if device.is_cpu else BLOCK
+
+
+def for_gpu(device: Any) -> bool:
+    """Whether kernels are chosen for a GPU: one that is here, or one elsewhere."""
+    return bool(_elsewhere) or not wp.get_device(device).is_cpu
+
+
+@contextmanager
+def compiling_for(arch: int) -> Iterator[None]:
+    """Kernels that are loaded meanwhile are a GPU's, and are compiled for GPUs of a kind, too, into the
+    cache; such a GPU need not be here.
+
+    Args:
+        arch: 90 for sm_90.
+
+    Raises:
+        ValueError: Warp compiles for no such kind.
+    """
+    _prepare()
+    known = sorted(wp._src.context.runtime.nvrtc_supported_archs)
+    if arch not in known:
+        raise ValueError(f"arch is {arch}; Warp compiles for {', '.join(map(str, known)) or 'no GPU'} here")
+    _elsewhere.append(arch)
+    try:
+        yield
+    finally:
+        _elsewhere.pop()
 
 
 def get_device(device: Any = None) -> wp.Device:
@@ -89,6 +117,7 @@ def load_all(kernels: Sequence[wp.Kernel], device: wp.Device, threads: int = 1) 
         if missing:
             with announced(f"{_in_few_words(missing, device)} for {device.alias}"), one_line():
                 found = _compiled(missing, device, threads)
+                found += [_compiled_elsewhere(kernel, arch) for arch in _elsewhere for kernel in missing]
             for loaded in found:
                 record(loaded)
             done.update(missing)
@@ -108,6 +137,18 @@ def _compiled(kernels: Sequence[wp.Kernel], device: wp.Device, threads: int) -> 
         replace(each, seconds=apart[kernel] + each.seconds, compiled=True) if kernel in apart else each
         for kernel, each in zip(kernels, found)
     ]
+
+
+def _compiled_elsewhere(kernel: wp.Kernel, arch: int) -> Loaded:
+    start, module = time.monotonic(), kernel.module
+    options = module.resolve_options(wp.config, block_dim=BLOCK)
+    with _lock_file() as file, _alone(module.name, file):
+        folder = _usable_folder(module, BLOCK)
+        module._compile(None, str(folder), output_arch=arch, use_ptx=False, options=options)
+        compiled = bool(_unlisted(folder, _listed(folder)))
+        if compiled:
+            _write_checksums(folder)
+    return Loaded(describe(kernel), f"sm_{arch}", time.monotonic() - start, compiled)
 
 
 def _compiled_apart(kernels: Sequence[wp.Kernel], device: wp.Device, most: int) -> dict[wp.Kernel, float]:

@@ -1,5 +1,6 @@
 """`slcp compile`: compile a scene's kernels ahead, so that whatever uses them starts at once."""
 
+import contextlib
 import time
 from typing import Annotated
 
@@ -8,6 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 import slcp_warp as slcp
+from slcp_warp.kernels.device.cache import compiling_for
 from slcp_warp.kernels.device.progress import Loaded
 
 from ..stages.ahead import OF_TASKS, WHAT, compile_ahead
@@ -41,6 +43,10 @@ def compile_command(
     dtype: Annotated[
         str | None, typer.Option(help="float64 or float32; default: float64, and float32 for sweeps.")
     ] = None,
+    arch: Annotated[
+        int | None,
+        typer.Option(help="A GPU's kernels, also for a kind that need not be here: 90 for sm_90."),
+    ] = None,
 ) -> None:
     """Compile the kernels of a task or a scene into the cache, ahead of what needs them.
 
@@ -58,7 +64,8 @@ def compile_command(
             return task_simulator(task, rules, device, precision)
         return make_simulator(mechanism, rules, device, precision)
 
-    ahead = compile_ahead(make, names, task, dtype)
+    with contextlib.nullcontext() if arch is None else compiling_for(arch):
+        ahead = compile_ahead(make, names, task, dtype)
     kernels = ahead.kernels
     if not kernels and ahead.impossible:  # nothing of what was asked for
         raise ValueError("; ".join(f"{name}: {why}" for name, why in ahead.impossible.items()))
@@ -75,9 +82,10 @@ def compile_command(
 def _summary(scene: str, kernels: list[Loaded]) -> Table:
     table = Table(title=f"kernels of {scene}", box=SIMPLE_HEAD)
     table.add_column("kernel")
+    table.add_column("for")
     table.add_column("seconds", justify="right")
     table.add_column("")
     for kernel in kernels:
         state = "compiled" if kernel.compiled else "found"
-        table.add_row(kernel.kernel, f"{kernel.seconds:.1f}", state)
+        table.add_row(kernel.kernel, kernel.device, f"{kernel.seconds:.1f}", state)
     return table

@@ -12,8 +12,7 @@ import warnings
 from collections import Counter
 from typing import Any
 
-import warp as wp
-
+from slcp_warp.kernels.device.cache import for_gpu
 from slcp_warp.kernels.generic.topology import NUMBERS
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.solvers.law import law_of
@@ -116,7 +115,7 @@ def takes_fast_path(fast_path: Any, s: Structure, method: Method, device: Any, s
         text = os.environ.get("SLCP_FAST_PATH", "").strip()
         if text not in ("", "0", "1"):
             raise ArgumentError(f"SLCP_FAST_PATH is {text!r}; 0 or 1 is needed")
-        wanted = text == "1" if text else len(s.pairs) <= PAIRS and not wp.get_device(device).is_cpu
+        wanted = text == "1" if text else len(s.pairs) <= PAIRS and for_gpu(device)
         return wanted and not reason
     if flag("fast_path", fast_path) and reason:
         raise StrategyError(f"fast_path is True, but {reason}, and every step is made by one kernel")
@@ -149,7 +148,7 @@ def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
         )
     if strategy != "auto" or lacks:
         return "specialised" if strategy == "auto" else strategy
-    on_cpu = wp.get_device(device).is_cpu
+    on_cpu = not for_gpu(device)
     large = s.nr > MOST_ROWS or s.nv * max(s.nr, s.nv) > LARGEST[on_cpu]
     touching = s.nv * s.nr >= TOUCHING and joined_trees(s) > 1
     crowded = method.coulomb and s.nr >= CROWDED * s.nv

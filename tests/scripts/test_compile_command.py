@@ -1,5 +1,7 @@
 """`slcp compile`: what it makes is what its users need."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ import slcp_warp as slcp
 from slcp_warp.kernels.device import cache
 from slcp_warp.kernels.device.progress import recorded
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
+from slcp_warp.kernels.step.relayed import make_rollout_relay
 from slcp_warp.kernels.step.rollout import make_rollout_kernel, make_step_kernel
 from slcp_warp.scripts.stages import ahead
 
@@ -63,6 +66,27 @@ def test_what_it_says_is_so(unloaded, tmp_path, monkeypatch):
     assert len(list(tmp_path.rglob("*.o"))) == 2
     cache._loaded.clear()
     assert "0 compiled, 2 found in the cache" in call(*command).output
+
+
+@pytest.mark.slow
+def test_a_gpu_that_is_not_here_finds_its_kernels(unloaded, tmp_path, monkeypatch):
+    """Whole cubins in the folders where Warp looks for a GPU's; the kernels are those of a GPU."""
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    command = ("compile", "particle", "--what", "rollout", "--dtype", "float32", "--device", "cpu", "--arch")
+    found = call(*command, "90").output
+    assert "rollout relay of particle" in found and "sm_90" in found
+    with cache.compiling_for(90):
+        sim = slcp.Simulator(slcp.scenes.particle(), device="cpu", dtype="float32")
+    assert sim.kernels.fast_path
+    for part in ("fast", "rest"):
+        spec = sim.spec._replace(method=replace(sim.spec.method, part=part))
+        folder = cache._folder(make_rollout_relay(spec, OPEN_LOOP, False).module, cache.BLOCK)
+        assert [path.name for path in folder.glob("*.cubin")] == [f"{folder.name}.sm90.cubin"]
+        assert cache._unlisted(folder, cache._listed(folder)) == []
+    cache._loaded.clear()
+    assert "0 compiled" in call(*command, "90").output
+    assert not slcp.Simulator(slcp.scenes.particle(), device="cpu", dtype="float32").kernels.fast_path
+    assert "arch is 4; Warp compiles for " in fails(*command, "4")
 
 
 def test_what_a_scene_has_not_got_is_left_out_and_said(monkeypatch):

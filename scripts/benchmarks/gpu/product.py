@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import slcp_warp as slcp
-from slcp_warp import ddp, measures, policies
+from slcp_warp import costs, ddp, measures, policies
 
 Numbers = dict[str, np.ndarray]
 WORLDS, STEPS = 256, 40
@@ -40,7 +40,8 @@ class Use(NamedTuple):
 @cache
 def task() -> slcp.Task:
     """The push with all that disturbs and is measured."""
-    push, box = slcp.tasks.push_to_mark(), "face/pusher"
+    scene, box = replace(slcp.scenes.push_block(), step_size=0.02, sigma=0.05), "face/pusher"
+    far = [costs.Term("square", 200.0, state="block.x", target=0.6)]
     disturbances = slcp.Disturbances(
         velocity=0.02,
         torque=0.2,
@@ -55,7 +56,10 @@ def task() -> slcp.Task:
         kicks={"block.vx": 0.1},
         pushes=(slcp.Push("block", slcp.Uniform(0.2, 0.5), 0.1, (slcp.Normal(6.0), 0.0)),),
     )
-    more = {
+    measured = {
+        "place": measures.final("block.x"),
+        "speed": measures.final("block.vx"),
+        "push": measures.impulse(box),
         "slid": measures.integral(abs(measures.slip("ground/block"))),
         "hardest": measures.largest(measures.normal_force(box)),
         "touched": measures.first_time(measures.contact(box) > 0.5),
@@ -63,8 +67,11 @@ def task() -> slcp.Task:
         "angle": measures.largest(abs(measures.state("block.angle"))),
     }
     reached = measures.final("block.x").between(0.75, 1.0)  # four of five
-    return replace(push, disturbances=disturbances, measures=dict(push.measures) | more, duration=0.8,
-                   success=reached)  # fmt: skip
+    return slcp.Task(
+        "push", scene, costs.terms(scene, [costs.effort(1e-4)], far), horizon=STEPS, duration=0.8,
+        control_limits=(-20.0, 20.0), start={"pusher.vshift": 0.0}, disturbances=disturbances,
+        measures=measured, success=reached,
+    )  # fmt: skip
 
 
 def law() -> Any:
