@@ -346,6 +346,24 @@ def test_small_run_of_the_common_kernels_has_no_silent_failure():
     assert worlds == 4 * 40 * 14
 
 
+@pytest.mark.parametrize("part", ["steps", "rollouts", "sweeps", "leaps", "derivatives"])
+def test_steps_are_those_of_the_device_that_is_named(monkeypatch, part):
+    """Every simulator that judges nothing but is judged."""
+    asked = []
+
+    def refused(scene, options, device, **kind):
+        asked.append(device)
+        raise slcp.StrategyError("on purpose")
+
+    monkeypatch.setattr(slcp, "Simulator", refused)
+    task = Task(1, 0, "generic", per_chunk=2, part=part, device="cuda:9")
+    try:
+        run_task(task)
+    except slcp.StrategyError:  # of a sweep, which asks for nothing that is not there
+        assert part == "sweeps"
+    assert asked and set(asked) == {"cuda:9"}
+
+
 def test_an_opening_by_the_rounding_of_a_direction_is_none():
     """A row's J of 1e-6, like the 4.5e-8 that is the cosine of pi/2 in float32, opens it at 2e7 m/s."""
     bodies = (Body("a", 1.0, 0.1, lower=-1.0, upper=1.0), Body("b", 1.0, 0.1))
