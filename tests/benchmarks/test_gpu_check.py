@@ -1,5 +1,6 @@
 """`slcp gpu-check` without a GPU: all sections that a CPU has, and what becomes of those that fail."""
 
+import contextlib
 import json
 import multiprocessing
 import os
@@ -162,6 +163,24 @@ def test_kernels_are_compiled_by_processes(monkeypatch):
     assert checks(found) == {"no use, float64, cpu: compiled": False}
     cases = [event["case"] for event in found if event["kind"] == "rows"]
     assert any("step of flicking_finger" in case for case in cases) and cases[-1] == "all of them"
+
+
+def test_kernels_are_compiled_for_a_gpu_elsewhere(monkeypatch):
+    """Of the kind that is named, while a use runs on the CPU."""
+    asked = []
+
+    @contextlib.contextmanager
+    def elsewhere(arch):
+        asked.append(arch)
+        yield
+        asked.append("until then")
+
+    monkeypatch.setattr(cache, "compiling_for", elsewhere)
+    monkeypatch.setattr(compiling, "uses_of", lambda setting: {"use": lambda *_: asked.append("use")})
+    compiling.compile_use("use", "float32", replace(SETTING, arch=90))
+    assert asked == [90, "use", "until then"]
+    compiling.compile_use("use", "float32", SETTING)
+    assert asked[3:] == ["use"]
 
 
 def test_code_that_takes_more_than_predicted_is_found(monkeypatch):

@@ -37,6 +37,9 @@ def gpu_check_command(
     ] = None,
     device: Device = None,
     minutes: Annotated[float, typer.Option(min=0.1, help="For all sections together.")] = 9.5,
+    arch: Annotated[
+        int | None, typer.Option(help="Compile kernels for GPUs of a kind elsewhere, too: 90 for sm_90.")
+    ] = None,
     apart: Annotated[bool, typer.Option(help="Every section in a process of its own.")] = True,
 ) -> None:
     """Check a GPU against the CPU and the equations, then measure it; in less than ten minutes.
@@ -46,7 +49,7 @@ def gpu_check_command(
     """
     names = chosen_sections(only)
     before = None if against is None else read(against)
-    setting = chosen(device)
+    setting = chosen(device, arch)
     path = prepared(out, ".json")
     record = Record(path, setting.device, names)
     compared = None

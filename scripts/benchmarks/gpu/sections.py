@@ -38,7 +38,7 @@ class Section(NamedTuple):
 
 SECTIONS = {
     "environment": Section(environment.run, 30.0),
-    "kernels": Section(compiling.run, 240.0),
+    "kernels": Section(compiling.run, 300.0),
     "states": Section(states.run, 90.0),
     "derivatives": Section(slopes.run, 90.0),
     "product": Section(product.run, 200.0),

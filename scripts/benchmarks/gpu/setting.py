@@ -67,11 +67,16 @@ SMALL = Sizes(
 
 @dataclass(frozen=True)
 class Setting:
-    """A device by its name, and sizes."""
+    """A device by its name, and sizes.
+
+    Attributes:
+        arch: of GPUs for which kernels are compiled, too (90: sm_90).
+    """
 
     device: str
     sizes: Sizes
     seed: int = 0
+    arch: int | None = None
 
     @property
     def gpu(self) -> bool:
@@ -107,8 +112,8 @@ class Setting:
             wp.synchronize_device(self.device)
 
 
-def chosen(device: str | None) -> Setting:
-    """The setting of a device; None: the first GPU.
+def chosen(device: str | None, arch: int | None = None) -> Setting:
+    """The setting of a device; None: the first GPU. `arch`: see `Setting`.
 
     Raises:
         NoGpuError: there is none, and no other device was asked for.
@@ -126,7 +131,7 @@ def chosen(device: str | None) -> Setting:
         known = wp.get_device(device)
     except Exception as error:  # Warp's answers to unknown names are of several kinds
         raise ArgumentError(f"--device {device!r}: {error}") from error
-    return Setting(known.alias, Sizes() if known.is_cuda else SMALL)
+    return Setting(known.alias, Sizes() if known.is_cuda else SMALL, arch=arch)
 
 
 @functools.cache

@@ -15,6 +15,7 @@ from slcp_warp.ddp.library.entries import scene_digest
 from slcp_warp.ensembles.sweep import sweep_scene
 from slcp_warp.kernels.device import cache
 
+from .product import PRODUCT, there
 from .setting import METHODS, SINGLE, Setting, cast
 
 LIBRARY = 2000  # entries
@@ -161,9 +162,15 @@ COMPARED = (
 )
 
 
+def _product(name: str, setting: Setting, dtype: str) -> None:
+    if dtype == SINGLE:  # each has precisions of its own
+        PRODUCT[name].run(setting.device)
+
+
 def uses_of(setting: Setting) -> dict[str, Callable[[Setting, str], None]]:
     """Every use of kernels by name."""
-    return USES | {f"blocks of {block}": partial(_block, block) for block in setting.sizes.blocks}
+    product = {f"product: {name}": partial(_product, name) for name, use in PRODUCT.items() if there(use)}
+    return USES | product | {f"blocks of {block}": partial(_block, block) for block in setting.sizes.blocks}
 
 
 USES: dict[str, Callable[[Setting, str], None]] = {  # the longest first

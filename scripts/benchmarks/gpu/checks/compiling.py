@@ -1,5 +1,6 @@
 """The kernels of the other sections, compiled by processes side by side, and what their code takes."""
 
+import contextlib
 import multiprocessing
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -15,7 +16,7 @@ from slcp_warp.kernels.specialisation import Specialisation
 from ..predicted import ARCH, FAST
 from ..record import Found
 from ..setting import CPU, Setting, cores
-from ..uses import COMPARED, uses_of
+from ..uses import COMPARED, USES, uses_of
 
 Rows = list[dict[str, Any]]
 
@@ -30,7 +31,7 @@ def run(setting: Setting, found: Found) -> None:
         for place in places
         for dtype in reversed(setting.sizes.dtypes)
         for name in uses_of(setting)
-        if place is setting or name in COMPARED
+        if place is setting or name in COMPARED or name not in USES
     ]
     begin, work, workers = time.perf_counter(), 0.0, min(len(jobs), cores())
     context = multiprocessing.get_context("spawn")
@@ -58,13 +59,14 @@ def compile_use(name: str, dtype: str, setting: Setting) -> Rows:
     """Run a use at its smallest; rows of the kernels that were made ready, and on a GPU of their code."""
     wp.config.log_level = wp.LOG_WARNING
     device = wp.get_device(setting.device)
-    with recorded() as kernels:
+    elsewhere = contextlib.nullcontext() if setting.arch is None else cache.compiling_for(setting.arch)
+    with elsewhere, recorded() as kernels:
         uses_of(setting)[name](setting, dtype)
     setting.wait()
     rows: Rows = [
-        {"kernel": each.kernel, "seconds": each.seconds, "compiled": each.compiled}
+        {"kernel": each.kernel, "seconds": each.seconds, "compiled": each.compiled, "for": each.device}
         for each in kernels
-        if each.device == device.alias
+        if each.device in (device.alias, f"sm_{setting.arch}")
     ]
     return rows + ([_code(kernel, device) for kernel in _loaded(device)] if device.is_cuda else [])
 
@@ -98,7 +100,7 @@ def _memory(setting: Setting, found: Found) -> None:
     """What every use takes of the device's memory, one after the other: code, stacks of threads, arrays."""
     device = wp.get_device(setting.device)
     for dtype in setting.sizes.dtypes:
-        for name, use in uses_of(setting).items():
+        for name, use in USES.items():
             before = device.free_memory
             use(setting, dtype)
             setting.wait()
