@@ -10,7 +10,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..contact.problem import COLD
-from ..device.compile import packed
+from ..device.compile import fitted
 from ..factories import cached
 from ..policies.contract import PolicyKernel, make_policy
 from ..specialisation import Specialisation
@@ -192,7 +192,7 @@ def make_step_kernel(spec: Specialisation) -> wp.Kernel:
     batch = make_batch(spec, True)
     step = batch.step
 
-    @packed
+    @fitted(False, len(spec.structure.pairs))
     def step_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),
@@ -228,7 +228,7 @@ def make_rollout_kernel(spec: Specialisation, policy: PolicyKernel, exact_gap: i
     asked = make_policy(policy, NX, NU, dtype)
     Policy = asked.Struct
 
-    @packed
+    @fitted(False, len(spec.structure.pairs))
     def rollout_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),
