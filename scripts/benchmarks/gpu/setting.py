@@ -10,6 +10,7 @@ import warp as wp
 
 import slcp_warp as slcp
 from slcp_warp.inputs.errors import ArgumentError
+from slcp_warp.kernels.device.cache import compiling_for
 
 from ..shared.workload import Workload, make_workload
 
@@ -118,8 +119,12 @@ def chosen(device: str | None, arch: int | None = None) -> Setting:
     Raises:
         NoGpuError: there is none, and no other device was asked for.
         ArgumentError: an unknown device.
+        ValueError: a kind of GPU that Warp does not compile for.
     """
     wp.init()
+    if arch is not None:
+        with compiling_for(arch):
+            pass
     if device is None:
         found = [d.alias for d in wp.get_cuda_devices()]
         if not found:
