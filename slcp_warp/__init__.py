@@ -39,8 +39,8 @@ from .inputs.arrays import ArrayError
 from .inputs.errors import ArgumentError, ArgumentTypeError, InputError, SceneError
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
-from .plain.complementarity import Complementarity, solve_complementarity
-from .plain.residuals import residual
+from .simulator.complementarity import Complementarity, solve_complementarity
+from .simulator.residuals import residual
 from .results import Energies, Linearization, Momentum, Step, Trajectory, energies, momentum
 from .simulator import Simulator
 from .simulator.products import Pullback, Pushforward, jvp, vjp, weighted_hessian

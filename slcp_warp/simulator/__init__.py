@@ -1,4 +1,4 @@
-"""A scene's simulator, and products with the derivatives of its rollouts."""
+"""A scene's simulator, products with the derivatives of its rollouts, problems without a mechanism."""
 
 from .simulator import DTYPES as DTYPES
 from .simulator import Simulator as Simulator

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares, linprog, minimize
 from scipy.stats import norm
 
 import slcp_warp as slcp
-from slcp_warp.plain.residuals import residual
+from slcp_warp.simulator.residuals import residual
 
 SIGMAS = (0.2, 0.02, 1e-3)
 SIZES = [  # residual, n, rank: rem-normal differs from rem-logistic in its smoothing alone

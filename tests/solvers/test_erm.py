@@ -11,7 +11,7 @@ from simulators import scene, simulator
 from taped import loss_of, on_device
 
 import slcp_warp as slcp
-from slcp_warp.plain.residuals import residual
+from slcp_warp.simulator.residuals import residual
 
 H, SIGMA = 0.05, 0.1
 

@@ -8,7 +8,7 @@ from scipy.special import spence
 from scipy.stats import logistic, norm, uniform
 
 from slcp_warp.kernels.residual.residuals import make_residuals
-from slcp_warp.plain.residuals import residual
+from slcp_warp.simulator.residuals import residual
 
 NOISE = {"logistic": logistic(), "normal": norm(), "uniform": uniform(-np.sqrt(3.0), 2.0 * np.sqrt(3.0))}
 NAMES = ("rem-logistic", "rem-normal", "erm-logistic", "erm-normal", "erm-uniform")

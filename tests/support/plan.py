@@ -47,7 +47,6 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
             "costs",
             "gradients",
             "stepping",
-            "plain",
             "simulator",
             "policies",
             "torch",

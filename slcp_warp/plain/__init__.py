@@ -1,1 +1,0 @@
-"""Complementarity problems and residuals without a mechanism."""
