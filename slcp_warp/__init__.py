@@ -39,11 +39,11 @@ from .inputs.arrays import ArrayError
 from .inputs.errors import ArgumentError, ArgumentTypeError, InputError, SceneError
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
-from .simulator.complementarity import Complementarity, solve_complementarity
-from .simulator.residuals import residual
 from .results import Energies, Linearization, Momentum, Step, Trajectory, energies, momentum
 from .simulator import Simulator
+from .simulator.complementarity import Complementarity, solve_complementarity
 from .simulator.products import Pullback, Pushforward, jvp, vjp, weighted_hessian
+from .simulator.residuals import residual
 from .stepping.strategy import StrategyError
 from .storage.files import FileError
 from .storage.version import __version__ as __version__

@@ -6,23 +6,18 @@ the worlds.
 
 import contextlib
 import functools
-import math
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
-from slcp_warp.kernels.device.tables import copy_rows, empty_table, laid_out
-
-from ..gradients.checkpoint import Segments, checkpointed, pull_back
-from ..gradients.tape import Recorded, adjoint, derivatives_exist
-from ..inputs import rules
-from ..inputs.rules import COVARIANCES
-from ..parameters import ParameterError, Parameters
+from ..gradients.open_loop import pull, roll_out
+from ..gradients.table import check_values as table_check
+from ..gradients.tape import derivatives_exist
+from ..parameters import Parameters
 from ..simulator import Simulator
 
 _kept: list[Any] = []  # for the process: a backward pass may come after its maker's scope
@@ -52,15 +47,8 @@ def _(handle: int, dtype: torch.dtype, device: torch.device) -> Tensor:
 
 
 def check_values(sim: Simulator, table: Tensor) -> None:
-    """The errors of `Parameters.replace` for illegal values; a covariance need be finite only."""
-    rows = table.detach().double().cpu().numpy()
-    values = {
-        name: rows[:, start : start + math.prod(shape)].reshape(len(rows), *shape)
-        for name, start, shape in sim.params.layout.columns
-    }
-    for name in COVARIANCES:
-        rules.check(name, values.pop(name, np.zeros(1)), ParameterError, name)
-    Parameters(sim.scene).replace(**values)
+    """The errors of `Parameters.replace` for illegal values."""
+    table_check(sim.params, table.detach().double().cpu().numpy())
 
 
 @contextlib.contextmanager
@@ -95,16 +83,15 @@ def rollout_op(
     if check:
         check_values(sim, table)
     status = torch.zeros(len(x0), dtype=torch.int32, device=x0.device)
-    kernels = sim.kernels.stepping
     with stream(x0):
         x, u, rows, external = share(sim, x0, us, table, force)
-        numbers = laid_out(rows)
         code: Any = wp.from_torch(status)
+        kernels = sim.kernels.stepping
         if every:
-            return wp.to_torch(checkpointed(kernels, numbers, x, u, external, code, every)), status
+            return wp.to_torch(roll_out(kernels, rows, x, u, external, code, every)), status
         states = torch.zeros((len(x0), us.shape[1] + 1, x0.shape[1]), dtype=x0.dtype, device=x0.device)
         room: Any = wp.from_torch(states)
-        Segments(kernels, numbers, u, external, (0, us.shape[1]), room).run(0, x, code)
+        roll_out(kernels, rows, x, u, external, code, states=room)
     return states, status
 
 
@@ -122,7 +109,6 @@ def pull_op(
 ) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
     """Gradients by x0, controls and, with `parameters`, the table, from those by the states."""
     sim = _kept[handle]
-    kernels = sim.kernels.stepping
     derivatives_exist(sim.options.method)
     out = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, us, table)]
     if not len(x0):
@@ -133,23 +119,8 @@ def pull_op(
             array.grad = wp.from_torch(gradient, dtype=sim.dtype)
             array.requires_grad = True
         x, u, rows, external, kept, slopes = arrays
-        numbers = laid_out(rows)
-        if numbers is not rows and parameters:
-            numbers.grad = empty_table(rows.shape, sim.dtype, sim.device)
-            numbers.requires_grad = True
         code: Any = wp.from_torch(plain(status))
-        run = Recorded(kernels, numbers, x, u, external, kept, code)
-        if every:
-            bounds = (*range(0, us.shape[1], every), us.shape[1])
-            room = wp.zeros(
-                (len(x0), min(every, us.shape[1]) + 1, sim.nx), dtype=sim.dtype, device=sim.device
-            )
-            kept.grad = wp.clone(slopes)
-            pull_back(run, Segments(kernels, numbers, u, external, bounds, room))
-        else:
-            adjoint(run, slopes)
-        if numbers is not rows and parameters:
-            copy_rows(numbers.grad, rows.grad)
+        pull(sim.kernels.stepping, rows, x, u, external, kept, code, slopes, every)
     return out[0], out[1], out[2]
 
 
