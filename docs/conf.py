@@ -39,10 +39,11 @@ html_math_renderer = "mathml"  # formulas are shown without a network
 API = pathlib.Path(__file__).parent / "reference" / "api.md"
 PUBLIC = re.findall(r"^   (slcp_warp[\w.]*)$", API.read_text(encoding="utf-8"), re.MULTILINE)
 autosummary_generate = ["reference/api.md"]
-TORCH = importlib.util.find_spec("torch") is not None
-if TORCH:
-    PUBLIC.append("slcp_warp.torch")
-    autosummary_generate.append("reference/api_torch.md")
+PAGES = {"reference/api_torch": ("torch", "PyTorch"), "reference/api_jax": ("jax", "JAX")}  # of libraries
+for page, (library, _) in PAGES.items():
+    if importlib.util.find_spec(library) is not None:
+        PUBLIC.append(f"slcp_warp.{library}")
+        autosummary_generate.append(f"{page}.md")
 COMMANDS = "slcp_warp.scripts.app"
 
 default_role = "py:obj"  # `name` in a docstring: a link where it is public, else code
@@ -57,7 +58,7 @@ napoleon_custom_sections = ["Returns"]  # text, not "type: text"
 
 nitpick_ignore_regex = [
     ("py:obj", r".*"),  # backticks hold code of every kind; tests/test_docs.py looks up the names among it
-    ("py:.*", r"(numpy|np|warp|wp|torch|os|pathlib|collections|typing|enum)\..*"),
+    ("py:.*", r"(numpy|np|warp|wp|torch|jax|os|pathlib|collections|typing|enum)\..*"),
     ("py:.*", r"slcp_warp\..*"),  # a type that is not public
 ]
 
@@ -137,9 +138,10 @@ def signature(
 
 
 def complete(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Append what the commands say of themselves to their page; a page that needs PyTorch says so."""
-    if docname == "reference/api_torch" and not TORCH:
-        source[0] = "# PyTorch\n\nPyTorch was not installed where these pages were built."
+    """Append what the commands say of themselves to their page; a page that needs a library says so."""
+    if docname in PAGES and f"{docname}.md" not in autosummary_generate:
+        name = PAGES[docname][1]
+        source[0] = f"# {name}\n\n{name} was not installed where these pages were built."
     if docname == "reference/commands":
         call = [sys.executable, "-m", "typer", COMMANDS, "utils", "docs", "--name", "slcp"]
         said = subprocess.run(call, capture_output=True, text=True, check=True).stdout

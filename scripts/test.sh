@@ -19,6 +19,7 @@ venv=${SLCP_VENV:-.venv-test}
 export PYTHONSAFEPATH=1  # never import the bare folders kernels/ and ddp/ from here
 # matrices of tests are small; threads that wait for work take time from the kernels' compiler
 export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
+export OMP_WAIT_POLICY=${OMP_WAIT_POLICY:-PASSIVE}  # PyTorch's, which spin
 
 arguments=()
 for argument in "$@"; do
@@ -49,6 +50,7 @@ if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
   if [ -n "$torch" ]; then optional "PyTorch" "$torch"; fi  # before anything could ask for a larger build
   "${pip[@]}" "$wheel[cli,test]"
   optional "The extra 'bench'" "$wheel[bench]"
+  optional "JAX" "$wheel[jax]"
   if $complete; then echo "$wanted" > "$stamp"; fi
 else
   wheel=$(build_wheel "$python" "$wheels" --no-build-isolation)

@@ -28,7 +28,7 @@ from .cost.chunks import bench_chunks
 from .cost.compile import bench_compile
 from .cost.ddp import bench_ddp
 from .cost.fallbacks import bench_fallbacks
-from .cost.gradients import bench_gradients, bench_products
+from .cost.gradients import bench_gradients, bench_libraries, bench_products
 from .cost.jacobian import bench_jacobian, bench_stack_jacobian
 from .cost.kept import bench_kept
 from .cost.kernels import SIZES, bench_reach, bench_sizes, print_sizes
@@ -178,6 +178,19 @@ def products_command(
 ) -> None:
     """Vector-Jacobian and Jacobian-vector products, A and B, and weighted Hessians against a rollout."""
     _save(csv, bench_products(worlds, steps, repeats, seed))
+
+
+@app.command("libraries")
+@one_line_errors
+def libraries_command(
+    worlds: Worlds = 4096,
+    steps: Annotated[int, typer.Option(min=1, help="Steps of each world.")] = 1,
+    repeats: Repeats = 21,
+    seed: Seed = 0,
+    csv: Csv = None,
+) -> None:
+    """A rollout and its gradient from NumPy, PyTorch and JAX, whichever are installed."""
+    _save(csv, bench_libraries(worlds, steps, repeats, seed))
 
 
 @app.command("policies")

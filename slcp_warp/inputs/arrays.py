@@ -1,4 +1,4 @@
-"""NumPy, torch and Warp arrays at the door: one clear error for bad input, the same kind out as came in."""
+"""Arrays of NumPy, torch, JAX and Warp at the door: one clear error for bad input, out as they came in."""
 
 import math
 import sys
@@ -13,7 +13,7 @@ from .checks import numeric, shown
 from .errors import ArgumentError
 
 Array: TypeAlias = Any
-"""A NumPy array, a torch tensor or a Warp array: results are of the kind that the caller's arguments were."""
+"""An array of NumPy, torch, JAX or Warp: results are of the kind that the caller's arguments were."""
 
 
 class ArrayError(ArgumentError):
@@ -47,11 +47,23 @@ def zeros(shape: tuple[int, ...], dtype: Any, device: Any) -> wp.array:
 
 
 def kind_of(value: Any) -> str:
-    """Return "warp", "torch" or "numpy"."""
+    """Return "warp", "torch", "jax" or "numpy"."""
+    if type(value) is np.ndarray:
+        return "numpy"
     if isinstance(value, wp.array):
         return "warp"
-    torch = sys.modules.get("torch")
-    return "torch" if torch is not None and isinstance(value, torch.Tensor) else "numpy"
+    for library, kind in (("torch", "Tensor"), ("jax", "Array")):
+        if isinstance(value, getattr(sys.modules.get(library), kind, ())):
+            return library
+    return "numpy"
+
+
+def device_of(value: Any) -> str | None:
+    """The device that an array is on, as Warp names it; None where NumPy or a user chooses none."""
+    kind = kind_of(value)
+    if kind == "jax":
+        return str(wp.device_from_jax(min(value.devices(), key=lambda device: device.id)))
+    return None if kind == "numpy" else str(value.device)
 
 
 def to_numpy(array: Array) -> np.ndarray:
@@ -73,13 +85,8 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
         ArrayError: not numbers, or another shape.
     """
     kind = kind_of(value)
-    if kind == "numpy":
-        plain = type(value) is np.ndarray and value.dtype.kind in "iuf"
-        found = value if plain else numeric(value)
-        if found is None:
-            raise ArrayError(f"{name} is {shown(value)}; an array of numbers is needed")
-        with np.errstate(over="ignore"):  # infinite in float32: the world's status says so
-            value = np.asarray(found, dtype=wp.dtype_to_numpy(dtype))
+    if kind in ("numpy", "jax"):
+        value = _numbers(name, value, kind, dtype)
     given = tuple(value.shape)
     batched = len(given) == len(shape) + 1
     trailing = given[1:] if batched else given
@@ -90,7 +97,7 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
         raise ArrayError(f"{name} has shape {given}; (B, {need}) or ({need}) is needed")
     if math.prod(given) > checks.FEW:
         checks.memory(name, math.prod(given), wp.types.type_size_in_bytes(dtype), wp.get_device(device))
-    if kind == "numpy":
+    if kind in ("numpy", "jax"):
         full = value if batched else value[None]
         return Batch(wp.array(np.ascontiguousarray(full), dtype=dtype, device=device), kind, batched)
     if kind == "torch":
@@ -123,6 +130,21 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
     return Batch(value if batched else value.reshape((1, *given)), kind, batched)
 
 
+def _numbers(name: str, value: Any, kind: str, dtype: Any) -> np.ndarray:
+    """A NumPy array of a precision; a JAX array comes over the host."""
+    if kind == "jax":
+        if isinstance(value, sys.modules["jax"].core.Tracer):
+            raise ArrayError(
+                f"{name} is traced by JAX; inside jax.jit, grad or vmap use the functions of slcp_warp.jax"
+            )
+        value = np.asarray(value)
+    found = value if type(value) is np.ndarray and value.dtype.kind in "iuf" else numeric(value)
+    if found is None:
+        raise ArrayError(f"{name} is {shown(value)}; an array of numbers is needed")
+    with np.errstate(over="ignore"):  # infinite in float32: the world's status says so
+        return np.asarray(found, dtype=wp.dtype_to_numpy(dtype))
+
+
 def same_worlds(name: str, given: int, worlds: int) -> None:
     """Raise ArrayError where an argument is for another number of worlds than the state."""
     if given != worlds:
@@ -150,6 +172,9 @@ def from_batch(array: wp.array, kind: str, batched: bool) -> Array:
     if kind == "torch":
         streams.let_torch_wait(array.device)
         out = wp.to_torch(array)
+        return out if batched else out[0]
+    if kind == "jax":
+        out = wp.to_jax(array)  # in float32, unless JAX was told of float64
         return out if batched else out[0]
     out = array.numpy()
     return out if batched else out[0]

@@ -17,7 +17,7 @@ from slcp_warp.kernels.structure import MOST_ROWS
 
 from ..gradients.tape import record, wants_gradient
 from ..inputs import checks
-from ..inputs.arrays import Array, ArrayError, from_batch, kind_of, to_batch
+from ..inputs.arrays import Array, ArrayError, device_of, from_batch, kind_of, to_batch
 from ..inputs.checks import choice
 from ..options import CHOICES, OptionError
 from ..storage.printed import Arrays
@@ -107,7 +107,7 @@ def solve_complementarity(
     get one).
 
     Args:
-        A: (B, n, n), symmetric positive semidefinite, n <= 31; NumPy, torch (no autograd) or Warp array.
+        A: (B, n, n), symmetric positive semidefinite, n <= 31; NumPy, torch (no autograd), JAX or Warp array.
         b: (B, n). Without B: one problem.
         sigma: noise levels, > 0, scalar, (n,), (B,) (if B != n) or (B, n), in units of b.
         residual: "rem-logistic", "rem-normal", "erm-logistic", "erm-normal" or "hard".
@@ -128,7 +128,7 @@ def solve_complementarity(
     kind = kind_of(A)
     dtype = _dtype_name(A) if dtype is None else dtype
     number = getattr(wp, choice("dtype", dtype, ("float32", "float64"), error=OptionError))
-    device = checks.device(str(A.device) if device is None and kind != "numpy" else device)
+    device = checks.device(device_of(A) if device is None else device)
     checks.flag("check", check)
     given = to_batch("A", A, ("n", "n"), number, device)
     worlds, n = given.array.shape[:2]

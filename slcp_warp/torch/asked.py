@@ -17,7 +17,7 @@ from ..inputs.errors import ArgumentError
 from ..policies.arrays import put
 from ..policies.function import Function
 from ..simulator import Simulator
-from .operators import once, share, stream
+from .operators import blank, once, share, stream
 
 
 class AskedFunction:
@@ -97,11 +97,11 @@ class AskedFunction:
         x, back = given[0], slopes is not None
         with stream(x):
             arrays = share(self._sim, *given)
-            room = [x.new_zeros(shape) for shape in self._shapes(k, len(x))]
+            room = [blank(shape, x) for shape in self._shapes(k, len(x))]
             outputs = share(self._sim, *room)
             found = room
             if slopes is not None:
-                found = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in given]
+                found = [blank(t.shape, t) for t in given]
                 for array, gradient in zip([*arrays, *outputs], [*found, *(s.contiguous() for s in slopes)]):
                     array.requires_grad = True
                     array.grad = wp.from_torch(gradient, dtype=self._sim.dtype)

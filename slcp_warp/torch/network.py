@@ -20,7 +20,7 @@ from ..policies.network import Network
 from ..simulator import Simulator
 from ..stepping.arguments import policy_arrays
 from ..stepping.arrays import Controls, RolloutArrays
-from .operators import once, share, stream
+from .operators import blank, once, share, stream
 
 
 def under_module(
@@ -50,8 +50,8 @@ def roll_out(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """States (B, N+1, nx), controls (B, N, nu), status (B,)."""
     worlds = len(x)
-    states, controls = x.new_zeros((worlds, steps + 1, sim.nx)), x.new_zeros((worlds, steps, sim.nu))
-    status = torch.zeros(worlds, dtype=torch.int32, device=x.device)
+    states, controls = (blank((worlds, *each), x) for each in ((steps + 1, sim.nx), (steps, sim.nu)))
+    status = blank((worlds,), x, torch.int32)
     with stream(x):
         kernel, struct = policy_arrays(policy, sim, worlds)
         source = Controls(kernel, struct, steps)
@@ -89,7 +89,7 @@ class ClosedLoop(torch.autograd.Function):
         """Gradients by x0, the table and the controls."""
         sim, wanted = ctx.sim, ctx.needs_input_grad
         x0, table, controls, gain, states, status = ctx.saved_tensors
-        found = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, table, controls)]
+        found = [blank(t.shape, t) for t in (x0, table, controls)]
         if not len(x0):
             return (*(f if want else None for f, want in zip(found, wanted)), None, None, None, None, None)
         with stream(x0):

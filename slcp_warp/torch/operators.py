@@ -7,7 +7,7 @@ the worlds.
 import contextlib
 import functools
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import torch
@@ -69,6 +69,16 @@ def plain(tensor: Tensor) -> Tensor:
     return row.as_strided(row.shape, torch.empty(row.shape, device="meta").stride())
 
 
+def blank(shape: Sequence[int], like: Tensor, dtype: torch.dtype | None = None) -> Tensor:
+    """Zeros on a tensor's device, filled by Warp: after PyTorch's own threads did it on a CPU they would wait
+    busily for more, for milliseconds, on the cores that kernels need.
+    """
+    out = torch.empty(tuple(shape), dtype=dtype or like.dtype, device=like.device)
+    with stream(out):
+        wp.from_torch(out, requires_grad=False).zero_()
+    return out
+
+
 def share(sim: Simulator, *tensors: Tensor) -> list[Any]:
     """Warp arrays of the tensors, with the strides of fresh ones: Warp compares them with a gradient's."""
     return [wp.from_torch(plain(t), dtype=sim.dtype, requires_grad=False) for t in tensors]
@@ -82,14 +92,14 @@ def rollout_op(
     sim = _kept[handle]
     if check:
         check_values(sim, table)
-    status = torch.zeros(len(x0), dtype=torch.int32, device=x0.device)
+    status = blank((len(x0),), x0, torch.int32)
     with stream(x0):
         x, u, rows, external = share(sim, x0, us, table, force)
         code: Any = wp.from_torch(status)
         kernels = sim.kernels.stepping
         if every:
             return wp.to_torch(roll_out(kernels, rows, x, u, external, code, every)), status
-        states = torch.zeros((len(x0), us.shape[1] + 1, x0.shape[1]), dtype=x0.dtype, device=x0.device)
+        states = blank((len(x0), us.shape[1] + 1, x0.shape[1]), x0)
         room: Any = wp.from_torch(states)
         roll_out(kernels, rows, x, u, external, code, states=room)
     return states, status
@@ -110,7 +120,7 @@ def pull_op(
     """Gradients by x0, controls and, with `parameters`, the table, from those by the states."""
     sim = _kept[handle]
     derivatives_exist(sim.options.method)
-    out = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, us, table)]
+    out = [blank(t.shape, t) for t in (x0, us, table)]
     if not len(x0):
         return out[0], out[1], out[2]
     with stream(x0):

@@ -42,9 +42,9 @@ def test_tests_marked_full_are_left_out(pytestconfig, request):
     assert pytestconfig.getoption("--full") or not found
 
 
-def test_tests_are_collected_without_pytorch():
-    """As section `pythons` has none: a file that imports it at its head would end the run."""
-    head = re.compile(r"^(?:import|from) torch\b", re.MULTILINE)
+def test_tests_are_collected_without_pytorch_and_jax():
+    """As section `pythons` has none: a file that imports one at its head would end the run."""
+    head = re.compile(r"^(?:import|from) (?:torch|jax)\b", re.MULTILINE)
     files = sorted((ROOT / "tests").rglob("*.py"))
     assert [path.name for path in files if head.search(path.read_text(encoding="utf-8"))] == []
 

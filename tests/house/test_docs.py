@@ -121,7 +121,7 @@ def test_code_in_texts_runs(path, tmp_path, monkeypatch):
         file = tmp_path / f"block{number}.py"  # Warp reads the source of a kernel's functions
         file.write_text(block, encoding="utf-8")
         for package in re.findall(
-            r"^(?:import|from) (torch|pandas|pyarrow|polars|duckdb)\b", block, re.MULTILINE
+            r"^(?:import|from) (torch|jax|pandas|pyarrow|polars|duckdb)\b", block, re.MULTILINE
         ):
             pytest.importorskip(package)
         said = io.StringIO()

@@ -22,7 +22,7 @@ SECTIONS = {  # of the paper
 }  # fmt: skip
 FOOTNOTES, SOURCES = {1, 2, 3, 4}, set(range(1, 23))
 MADE = {"file.py", "report.md", "fuzz.md", "table.md"}  # files that commands write
-NAME = re.compile(r"(slcp|ddp|slcp_warp|slcp_torch)((?:\.[A-Za-z_]\w*)+)(?!\w)(?<!\.png)")
+NAME = re.compile(r"(slcp|ddp|slcp_warp|slcp_torch|slcp_jax)((?:\.[A-Za-z_]\w*)+)(?!\w)(?<!\.png)")
 
 
 @functools.cache
@@ -98,15 +98,15 @@ def test_sections_footnotes_and_sources_of_the_paper_exist():
 def lookup(path):
     """Whether a dotted name below `slcp` or `ddp` exists: an attribute, a field, or set by __init__."""
     root, *parts = path.split(".")
-    if root == "slcp_torch":
-        root, parts = "slcp_warp", ["torch", *parts]
+    if root in ("slcp_torch", "slcp_jax"):
+        root, parts = "slcp_warp", [root.removeprefix("slcp_"), *parts]
     found = ddp if root == "ddp" else slcp_warp
     for part in parts:
         if inspect.ismodule(found) and not hasattr(found, part):
             if importlib.util.find_spec(f"{found.__name__}.{part}") is None:
                 return False
-            if part == "torch":
-                pytest.importorskip("torch")
+            if part in ("torch", "jax"):
+                pytest.importorskip(part)
             importlib.import_module(f"{found.__name__}.{part}")
         if hasattr(found, part):
             found = getattr(found, part)

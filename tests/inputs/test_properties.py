@@ -278,6 +278,25 @@ with contextlib.suppress(ImportError):
     }  # fmt: skip
 
 
+with contextlib.suppress(ImportError):
+    import jax
+
+    import slcp_warp.jax as slcp_jax
+
+    SINGLE = slcp.Simulator(FINGER, device="cpu", dtype="float32")
+    NUMBERS = {"sim": SINGLE, "x0": jax.numpy.zeros((2, 6)), "controls": jax.numpy.zeros((2, 5, 2))}
+    CALLS |= {
+        "jax.rollout": (
+            slcp_jax.rollout, NUMBERS, {"x0": ("controls",), "params": ("mass", "parameter")}),
+        "jax.step": (
+            slcp_jax.step, {"sim": SINGLE, "x": NUMBERS["x0"]},
+            {"x": ("x0",), "params": ("mass", "parameter")}),
+        "jax.linearize": (
+            slcp_jax.linearize, {"sim": SINGLE, "x": NUMBERS["x0"]},
+            {"params": ("mass", "parameter")}),
+    }  # fmt: skip
+
+
 # What functions give back, and protocols: made by the package, not by its users.
 GIVEN = {
     "Complementarity", "CostFunctions", "Dynamics", "DynamicsFunctions", "Energies", "FailureShare",

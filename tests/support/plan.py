@@ -50,6 +50,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
             "simulator",
             "policies",
             "torch",
+            "jax",
             "tasks",
             "ensembles",
         ),

@@ -1,9 +1,12 @@
-"""`slcp bench gradients`: what gradients of rollouts cost, in time against the rollout and in memory, and
-`slcp bench products`: what products with derivatives cost.
+"""`slcp bench gradients`: what gradients of rollouts cost, in time against the rollout and in memory,
+`slcp bench products`: what products with derivatives cost, and `slcp bench libraries`: what it costs to come
+from PyTorch or JAX.
 """
 
 import functools
+import importlib.util
 import resource
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -12,6 +15,7 @@ import warp as wp
 
 import slcp_warp as slcp
 
+from ..shared.optional import load
 from ..shared.ours import PAPER, Ours, cpu_threads
 from ..shared.timing import Case, print_table, tidy_rows, time_interleaved
 from ..shared.workload import make_workload
@@ -90,6 +94,56 @@ def bench_products(worlds: int, steps: int, repeats: int, seed: int) -> list[dic
     clock = "process CPU time, one thread, copies included; ratios are rollout / case"
     print_table(f"products with derivatives: {clock}", "us per step", results, [])
     return tidy_rows("products", results, clock)
+
+
+def bench_libraries(worlds: int, steps: int, repeats: int, seed: int) -> list[dict[str, Any]]:
+    """A rollout of the finger, float64, and the gradient of its states' mean square by the controls, from
+    NumPy, PyTorch and JAX, whichever are installed; all threads, wall time.
+    """
+    sim = slcp.Simulator(slcp.scenes.flicking_finger(), PAPER, device="cpu", dtype="float64")
+    rng = np.random.default_rng(seed)
+    x0 = sim.scene.x0 + 0.1 * rng.standard_normal((worlds, sim.nx))
+    us = rng.standard_normal((worlds, steps, sim.nu))
+    weights = np.ones((worlds, steps + 1, sim.nx))
+    runs: dict[str, Callable[[], Any]] = {
+        "NumPy, rollout": lambda: sim.rollout(x0, us),
+        "NumPy, vjp": lambda: slcp.vjp(sim, x0, us, weights),
+    }
+    for name, make in (("torch", _from_torch), ("jax", _from_jax)):
+        if importlib.util.find_spec(name) is not None:
+            runs |= make(sim, x0, us)
+    cases = [
+        Case(name, run, 1, None if name == "NumPy, rollout" else "NumPy, rollout")
+        for name, run in runs.items()
+    ]
+    results = time_interleaved(cases, repeats, time.perf_counter)
+    clock = "wall time, all threads; ratios are NumPy's rollout / case"
+    print_table(f"{worlds} rollouts of {steps} steps: {clock}", "ms", results, [])
+    return tidy_rows("libraries", results, clock)
+
+
+def _from_torch(sim: Any, x0: np.ndarray, us: np.ndarray) -> dict[str, Callable[[], Any]]:
+    torch, ours = load("torch", "PyTorch", "torch"), load("slcp_warp.torch", "PyTorch", "torch")
+    x, u = torch.tensor(x0), torch.tensor(us, requires_grad=True)
+
+    def gradient() -> None:
+        u.grad = None
+        ours.rollout(sim, x, u).states.square().mean().backward()
+
+    return {"PyTorch, rollout": lambda: ours.rollout(sim, x, u.detach()), "PyTorch, gradient": gradient}
+
+
+def _from_jax(sim: Any, x0: np.ndarray, us: np.ndarray) -> dict[str, Callable[[], Any]]:
+    jax, ours = load("jax", "JAX", "jax"), load("slcp_warp.jax", "JAX", "jax")
+    jax.config.update("jax_enable_x64", True)
+    x, u = jax.numpy.asarray(x0), jax.numpy.asarray(us)
+    forward = jax.jit(lambda x, u: ours.rollout(sim, x, u).states)
+    gradient = jax.jit(jax.grad(lambda u, x: (ours.rollout(sim, x, u).states ** 2).mean()))
+    return {
+        "JAX, rollout": lambda: jax.block_until_ready(forward(x, u)),
+        "JAX, gradient": lambda: jax.block_until_ready(gradient(u, x)),
+        "JAX, rollout without jit": lambda: jax.block_until_ready(ours.rollout(sim, x, u)),
+    }
 
 
 def _peak() -> float:
