@@ -42,6 +42,6 @@ def sheet(motions: dict[str, tuple[slcp.Scene, np.ndarray]], path: Path) -> Path
         for q in qs[:-1]:
             Drawing(ax, mechanism, q, ghost=True)
         Drawing(ax, mechanism, qs[-1])
-        view(ax, square(mechanism.bounds(qs, margin=0.06)))
+        view(ax, square(mechanism.bounds(qs, margin=0.03)))
         ax.set_title(name, fontsize=9)
     return save(figure, path)

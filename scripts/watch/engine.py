@@ -21,7 +21,7 @@ from .scenario import Button
 from .world import Subject, Worlds
 
 FRAME = 1.0 / 60.0  # s
-MARGIN = 0.6  # m around the mechanism at its start
+MARGIN = 0.15  # around the mechanism at its start, of its size
 PLAN_EVERY = 5  # steps of a plan that is drawn
 MOST_STEPS = 8  # of a frame: what is later than that is dropped
 ZERO = "zero"
@@ -270,7 +270,7 @@ class Engine:
         self._follow(q)
         return {
             "frame": self.frame, "time": round(self.time, 4),
-            "bounds": plain(self._bounds, 3), "poses": plain(poses, 5),
+            "bounds": plain(self._bounds, 5), "poses": plain(poses, 5),
             "links": [plain(line, 4) for line in mechanism.links(q)],
             "springs": [[plain(z, 4) for z in mechanism.springs(one)] for one in q],
             "arrows": [self._arrows(w, q[w]) for w in range(len(q))],
@@ -293,7 +293,7 @@ class Engine:
             return []
         centre, _ = worlds.mechanism.shapes(q)
         moving = [s for s, shape in enumerate(worlds.subject.scene.structure.shapes) if shape.body >= 0]
-        return [plain(centre[:, s], 3) for s in moving]
+        return [plain(centre[:, s], 5) for s in moving]
 
     def _follow(self, q: np.ndarray) -> None:
         """Keep the mechanism in the picture: move it, and widen it where that is not enough."""

@@ -10,6 +10,7 @@ from ..options import Status
 from ..storage.printed import ROWS, Table
 
 OVERLAP = 1e-6  # from which on rows are said to overlap [m, rad]
+SEEN = 1e-12  # from which on a rounding may be what was wedged
 MOST = 8  # names in a text
 
 
@@ -60,7 +61,7 @@ def _said(scene: Scene, gap: np.ndarray) -> str:
         return found
     if np.isnan(gap).any():
         return "unknown"
-    least = overlaps(scene, gap[None], 3, 0.0)
+    least = overlaps(scene, gap[None], 3, SEEN)
     return f"roundings: {least}; Options(depenetration_speed=) lets them stay" if least else "nothing"
 
 

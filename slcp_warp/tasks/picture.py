@@ -36,5 +36,5 @@ def draw(ax: Axes, task: Any) -> None:
         for line in (*outline.links, *outline.axes, outline.pins):
             line.set(color=GREEN, alpha=0.6)
         poses = np.concatenate([starts, wanted[None, :nv]])
-    view(ax, square(mechanism.bounds(poses, margin=0.1)))
+    view(ax, square(mechanism.bounds(poses, margin=0.04)))
     ax.set_title(task.name, fontsize=10)

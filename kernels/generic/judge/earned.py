@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ..motion.mechanism import COLUMN, make_mechanism
 from ..newton import ACCEPTED, GIVEN, SUMMED, make_newton
 from ..topology import CONTACT, Topology
 from ..work import V3, WORK, Island, Slot
@@ -18,6 +19,7 @@ ROW = 10.0  # what is good enough of a row relative to its own terms, in units o
 ROUNDED = 5e-14  # and relative to the terms of J v'
 UNSPENT = 1e-6  # of the energy of the data that a row's impulse may give by what its velocity misses
 NOTHING = 1e-19  # of the velocities that a hard row is judged by: less than it presses by needs no momentum
+BROUGHT = 10.0  # roundings of what carries a body that a coordinate of it may miss
 FELT = 1e-15  # of its own terms: what a side that it presses need not tell of its velocity
 
 
@@ -26,6 +28,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
     """Warp functions: judges `adds_up` and `plainly_adds_up`, and what comes before and after."""
     dtype = WORK
     nt = make_newton(given, residual)
+    mech, MASS = make_mechanism(given), COLUMN["mass"]
     hard = residual == "hard"
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
@@ -34,6 +37,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
     SEEN, TOLD = dtype(NOTHING / SUMMED[given]), dtype(FELT / SUMMED[given])
     TINY = dtype(1e-30)
     SPENT = dtype(UNSPENT)
+    CARRIED = dtype((BROUGHT * GIVEN[given] / SUMMED[given]) ** 2)
 
     @wp.func
     def partner(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -97,6 +101,25 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
         return held
 
     @wp.func
+    def is_carried(t: wp.ref[Topology], k: wp.ref[Slot], j: int, told: dtype):
+        """Whether those before it carry a coordinate's body so fast, at the start of the step and in energy,
+        that what it misses is a rounding of that: on a rail and a lift a wrist has no other coordinate of its
+        body to be compared with.
+        """
+        body = t.dof_body[j]
+        f = k.frame[body]
+        x, y = dtype(0.0), dtype(0.0)
+        for at in range(t.chain_start[body], t.chain_start[body + 1]):
+            dof = t.chain[at]
+            if t.dof_body[dof] != body:
+                arm = mech.column(t, k, dof, f[2], f[3])
+                x += arm[0] * k.v0[dof]
+                y += arm[1] * k.v0[dof]
+        p = t.dof_block[j]
+        own = k.mass[t.mass_at[p] + p][t.dof_part[j], t.dof_part[j]]
+        return told * told <= CARRIED * own * mech.number(t, k, MASS, body) * (x * x + y * y)
+
+    @wp.func
     def felt(k: wp.ref[Slot], r: int):
         """What rounding of a row's impulse makes of its velocity: on the curve of a smoothed law, next to
         nothing where it presses by many sigma.
@@ -127,8 +150,9 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                 size = wp.abs(j)
                 most = lam * size
                 other = partner(t, k, r)
-                if other != r:
+                if other != r:  # by itself a contact does |J_n| + mu |J_t|, though a row's terms cancel
                     most = HALF * given_back(k, r, other, e)
+                    size = wp.max(size, wp.abs(k.jac[k.entry[other] + e]))
                 alone = wp.min(k.alone[r], lam)
                 if wp.static(hard):
                     if lam > ZERO:
@@ -224,7 +248,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                 dof = t.block_dof[3 * b + part]
                 if dof < 0:
                     short = True
-                elif is_held(t, k, dof, told[part]) == 0:
+                elif is_held(t, k, dof, told[part]) == 0 and not is_carried(t, k, dof, told[part]):
                     short = True
         return short
 

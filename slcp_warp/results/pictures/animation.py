@@ -19,7 +19,7 @@ def animation(motion: Motion, path: Path, seconds: float = np.inf, rate: int = 1
     last = len(motion.impulse) - 1
     chosen = np.round(last - (count - 1 - np.arange(count)) / rate / h).astype(int).clip(0, last)
     shown = motion.states[chosen, :nv]
-    bounds, norm = mechanism.bounds(shown, margin=0.1), impulse_norm(motion)
+    bounds, norm = mechanism.bounds(shown, margin=0.04), impulse_norm(motion)
     aspect = (bounds[3] - bounds[2]) / (bounds[1] - bounds[0])
     width = min(3.6, 4.0 / aspect)
     path.parent.mkdir(parents=True, exist_ok=True)

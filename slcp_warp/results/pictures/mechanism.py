@@ -130,8 +130,10 @@ class Mechanism:
         chosen = [b for b, body in enumerate(self.scene.structure.bodies) if body.joint == "revolute"]
         return self.frames(q)[0][:, chosen]
 
-    def bounds(self, q: np.ndarray, margin: float = 0.2) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of the mechanism over time, half-planes left out."""
+    def bounds(self, q: np.ndarray, margin: float = 0.06) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top [m] of the mechanism over time, half-planes left out; around it a
+        margin, a share of the larger of width and height.
+        """
         centre, _ = self.shapes(q)
         structure = self.scene.structure
         points = [line.reshape(-1, 2) for line in self.links(q)]
@@ -142,7 +144,9 @@ class Mechanism:
                     shape.kind, radius.max()
                 )
                 points += [centre[:, s] - reach, centre[:, s] + reach]
-        low, high = np.concatenate(points).min(axis=0) - margin, np.concatenate(points).max(axis=0) + margin
+        low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
+        room = margin * (float((high - low).max()) or 1.0)
+        low, high = low - room, high + room
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 
