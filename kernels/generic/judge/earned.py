@@ -150,9 +150,8 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                 size = wp.abs(j)
                 most = lam * size
                 other = partner(t, k, r)
-                if other != r:  # by itself a contact does |J_n| + mu |J_t|, though a row's terms cancel
+                if other != r:
                     most = HALF * given_back(k, r, other, e)
-                    size = wp.max(size, wp.abs(k.jac[k.entry[other] + e]))
                 alone = wp.min(k.alone[r], lam)
                 if wp.static(hard):
                     if lam > ZERO:

@@ -95,13 +95,13 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def brought(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """The largest impulse that makes what a row of an island is judged by; of a contact's two rows that
-        which answers more: the other may all but jam.
+        """The largest impulse that makes a velocity of a pressing row's own terms; of a contact's two rows
+        that which answers more: the other may all but jam. What it moves elsewhere is no measure.
         """
         most = dtype(0.0)
         for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                most = wp.max(most, k.unit[r] / wp.max(k.diag[r], k.diag[partner(t, k, r)]))
+            if k.acting[r] > 0 and k.lam[r] > ZERO:
+                most = wp.max(most, k.own[r] / wp.max(k.diag[r], k.diag[partner(t, k, r)]))
         return most
 
     @wp.func(inline=False)
