@@ -2,8 +2,8 @@
 
 Gradients flow from the recorded states and controls to x0, controls, parameters (`Parameters.track`) and the
 nominal states, controls and gains of a tracking policy (none where its control is at a limit). They are
-exact to solver tolerance wherever the status is SOLVED; a world with another status gets NaN. Nothing flows
-through impulses and gaps: a loss of them is refused.
+exact to solver tolerance wherever the status is SOLVED; a world with another status gets NaN, or 0 if the
+loss depends on no state of it. Nothing flows through impulses and gaps: a loss of them is refused.
 """
 
 from collections.abc import Callable, Sequence

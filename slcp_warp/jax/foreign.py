@@ -4,8 +4,9 @@ Warp calls them back with arrays of JAX's buffers, in which anything may stand. 
 dimension folded into the worlds; a row that several worlds share is repeated.
 """
 
+import contextlib
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,13 +25,21 @@ from ..simulator import Simulator
 
 def foreign(function: Callable[..., None], takes: Sequence[Any], fills: Sequence[Any], device: Any) -> Any:
     """A function of Warp arrays as one that JAX calls, traced or not; types of what it takes and fills."""
-    function.__annotations__ = dict(zip(inspect.signature(function).parameters, (*takes, *fills)))
+    names = inspect.signature(function).parameters
+
+    def called(*arrays: wp.array) -> None:
+        with _as_errors():
+            function(*arrays)
+
+    called.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in names]
+    )
+    called.__annotations__ = dict(zip(names, (*takes, *fills)))
+    called.__qualname__ = function.__qualname__
     _load_module(function.__module__, device.alias)
     mode = wp.JaxCallableGraphMode.NONE  # arrays are made within, and tables looked at
     preload = wp.JaxModulePreloadMode.NONE
-    return wp.jax_callable(
-        function, len(fills), mode, vmap_method="broadcast_all", module_preload_mode=preload
-    )
+    return wp.jax_callable(called, len(fills), mode, vmap_method="broadcast_all", module_preload_mode=preload)
 
 
 @cached
@@ -38,6 +47,17 @@ def _load_module(name: str, device: str) -> None:
     """Load what Warp would load when JAX calls: the kernels of a function's module, of which it has none."""
     with announced(f"what JAX calls, for {device}"), one_line():
         wp.get_module(name).load(device, 1 if wp.get_device(device).is_cpu else None)
+
+
+@contextlib.contextmanager
+def _as_errors() -> Iterator[None]:
+    """Warp hands exceptions to JAX, but no interrupt: JAX would take arrays that are not filled for done."""
+    try:
+        yield
+    except Exception:
+        raise
+    except BaseException as error:
+        raise RuntimeError(f"stopped by {type(error).__name__}") from error
 
 
 @cached

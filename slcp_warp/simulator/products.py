@@ -80,7 +80,7 @@ def vjp(
         external_force: as for `Simulator.rollout`.
 
     Returns:
-        Gradients; NaN in worlds that were not solved.
+        Gradients; NaN in worlds that were not solved, but 0 where all of a world's weights are.
 
     Raises:
         ArrayError: another shape.

@@ -267,7 +267,9 @@ def test_bad_input_is_named(device):
     with pytest.raises(slcp.ArgumentTypeError, match="params is a list; Parameters or a dict of arrays"):
         slcp_jax.rollout(sim, x, us, [0.5])
     for traced in (lambda m: roll(x, us, {"mass": m}).states, lambda m: linearize(x, None, {"mass": m}).A):
-        with pytest.raises(jax.errors.JaxRuntimeError, match="ParameterError: mass is -1.0; it must be pos"):
+        with pytest.raises(
+            (jax.errors.JaxRuntimeError, ValueError), match="ParameterError: mass is -1.0; it must be pos"
+        ):
             jax.block_until_ready(jax.jit(traced)(-1.0))
     loss = jax.grad(lambda m: slcp_jax.rollout(sim, x, us, {"mass": m}).states.sum())
     with pytest.raises(NotImplementedError, match="second derivatives of slcp_warp.jax"):
@@ -303,3 +305,46 @@ def test_simulators_take_and_give_jax_arrays(device):
     solved = slcp.solve_complementarity(A, b, residual="hard")
     assert isinstance(solved.impulse, jax.Array)
     np.testing.assert_allclose(solved.impulse, [0.5, 0.0], atol=1e-12)
+
+
+def test_a_failed_world_that_is_left_out_adds_nothing(device):
+    """To the gradients of what all worlds share, by whatever way it is left out."""
+    x0, us, _ = start()
+    us = us[:, :5].copy()
+    us[1, 2, 0] = np.nan
+    sim, solved = finger(device), jnp.asarray([0, 2])
+
+    def loss(friction, shared, left_out):
+        states, status = slcp_jax.rollout(sim, jnp.asarray(x0), us + shared, {"friction": friction})
+        return left_out((states[:, -1] ** 2).sum(1), status)
+
+    def alone(friction, shared):
+        states = slcp_jax.rollout(sim, x0[[0, 2]], us[[0, 2]] + shared, {"friction": friction}).states
+        return (states[:, -1] ** 2).sum()
+
+    friction, shared = jnp.asarray(0.5), jnp.zeros((5, 2))
+    expected = jax.grad(alone, argnums=(0, 1))(friction, shared)
+    for left_out in (
+        lambda each, status: each[solved].sum(),
+        lambda each, status: jnp.where(status == 0, each, 0.0).sum(),
+    ):
+        found = jax.jit(jax.grad(lambda f, s, way=left_out: loss(f, s, way), argnums=(0, 1)))(
+            friction, shared
+        )
+        for one, other in zip(found, expected):
+            np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
+
+
+def test_an_interrupt_is_an_error_and_no_result(device, monkeypatch):
+    from slcp_warp.jax import foreign
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    sim, (x, us) = finger(device), contact(device)
+    expected = slcp_jax.rollout(sim, x, us).states
+    with monkeypatch.context() as patch:
+        patch.setattr(foreign, "roll_out", interrupted)
+        with pytest.raises((jax.errors.JaxRuntimeError, ValueError), match="stopped by KeyboardInterrupt"):
+            jax.block_until_ready(slcp_jax.rollout(sim, x, us))
+    np.testing.assert_array_equal(slcp_jax.rollout(sim, x, us).states, expected)

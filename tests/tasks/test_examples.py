@@ -131,3 +131,21 @@ def test_parcels_are_drawn_apart_by_a_faster_belt(device):
     report = slcp.sweep(task, worlds=100, cases=task.options, device=device)
     found = report.part("none")
     assert found["success"].mean() > 0.95 and not found["status"].any() and not found["start_overlap"].any()
+
+
+def test_a_peg_goes_in_where_its_corner_slides(device):
+    """Two rounded corners slide on each other where the normal leans by more than the friction angle."""
+    made = runpy.run_path(str(FOLDER / "peg.py"))
+    task = made["insertion"](stiffness=1e3, turning=200.0, centre=0.0)
+    drawn = {name: law for name, law in task.disturbances.parameters.items() if name != "rail.angle"}
+    drawn["rail.anchor_x"] = slcp.Uniform(0.0012, 0.0022)
+    task = task.replace(disturbances=replace(task.disturbances, parameters=drawn), duration=0.25)
+    report = slcp.sweep(task, made["push"](10.0), worlds=150, cases=task.options, device=device)
+    found = report.part("policy")
+    beyond = found["drawn_rail.anchor_x"] + found["drawn_pin.radius_0"] - 0.006
+    sine = np.clip(1.0 - beyond / 0.002, -1.0, 1.0)
+    ratio = sine / np.sqrt(1.0 - sine**2 + 1e-12) / found["drawn_left/pin.friction"]
+    meets = beyond > 0.0
+    slides, sticks = meets & (ratio > 1.1), meets & (ratio < 0.9)
+    assert slides.sum() > 30 and sticks.sum() > 10 and not found["status"].any()
+    assert found["depth"][slides].max() < -0.002 and np.abs(found["depth"][sticks]).max() < 0.002

@@ -95,13 +95,16 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def brought(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """The largest impulse that makes a velocity of a pressing row's own terms; of a contact's two rows
-        that which answers more: the other may all but jam. What it moves elsewhere is no measure.
+        """The largest impulse that makes what a pressing row is judged by; of a contact's two rows that which
+        answers more: the other may all but jam. A row by itself, which may hardly move what it moves, makes
+        its own terms: what it moves elsewhere is no measure.
         """
         most = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0 and k.lam[r] > ZERO:
-                most = wp.max(most, k.own[r] / wp.max(k.diag[r], k.diag[partner(t, k, r)]))
+                other = partner(t, k, r)
+                brings = wp.where(other == r, k.own[r], k.unit[r])
+                most = wp.max(most, brings / wp.max(k.diag[r], k.diag[other]))
         return most
 
     @wp.func(inline=False)
@@ -146,8 +149,8 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
                 spare = MORE * (least + k.alone[r]) - k.lam[r]
                 if rowwise == 1 and not (spare >= ZERO):
                     good = 0
-                if wp.static(given is wp.float32):
-                    if t.coulomb == 1 and not (CLOSE * k.lam[r] <= MORE * ENOUGH * most):
+                if wp.static(hard and given is wp.float32):
+                    if not (CLOSE * k.lam[r] <= MORE * ENOUGH * most):
                         good = 0
                 start = k.entry[r]
                 shift = k.entry[partner(t, k, r)] - start

@@ -77,9 +77,9 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
     u = us_k + K_k (x - xs_k), held at limits.
 
     Every step is solved again at its recorded state, warm from the step after it, and differentiated at the
-    solution; nothing else is stored. A world whose rollout or whose step now is not solved gets NaN; so does
-    one that solves to other velocities now than in the rollout, as Coulomb's friction may, and one whose
-    derivatives have no digits left.
+    solution; nothing else is stored. A world whose rollout or whose step now is not solved gets NaN if slopes
+    by a state of it are given; so does one that solves to other velocities now than in the rollout, as
+    Coulomb's friction may, and one whose derivatives have no digits left.
     """
     back = make_step_adjoint(given, residual, True)
     through = make_policy_adjoint(given)
@@ -224,7 +224,7 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
                         at = wp.min(n, gain.shape[1] - 1)
                         through(tracked, world, at, i, by, x, xs, gain, period, w.weight, xs_grad, gain_grad)
                 n, most = skip(w, states_grad[world], n - 1, most)
-        if solved == 0:
+        if solved == 0 and not (most + sum_of(w.weight) == ZERO):
             say_none(t, world, x0_grad, us_grad, xs_grad, gain_grad, params_grad)
         else:
             leave(t, w, world, x0_grad, params_grad)
