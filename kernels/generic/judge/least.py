@@ -95,16 +95,13 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def brought(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """The largest impulse that makes what a pressing row is judged by; of a contact's two rows that which
-        answers more: the other may all but jam. A row by itself, which may hardly move what it moves, makes
-        its own terms: what it moves elsewhere is no measure.
+        """The largest impulse that makes a pressing row's own terms; of a contact's two rows that which answers
+        more: the other may all but jam. What a row moves elsewhere is no measure of it.
         """
         most = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0 and k.lam[r] > ZERO:
-                other = partner(t, k, r)
-                brings = wp.where(other == r, k.own[r], k.unit[r])
-                most = wp.max(most, brings / wp.max(k.diag[r], k.diag[other]))
+                most = wp.max(most, k.own[r] / wp.max(k.diag[r], k.diag[partner(t, k, r)]))
         return most
 
     @wp.func(inline=False)
