@@ -95,8 +95,8 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def brought(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """The largest impulse that makes a pressing row's own terms; of a contact's two rows that which answers
-        more: the other may all but jam. What a row moves elsewhere is no measure of it.
+        """The largest impulse that makes a pressing row's own terms; of a contact's two rows that which
+        answers more: the other may all but jam. What a row moves elsewhere is no measure of it.
         """
         most = dtype(0.0)
         for r in range(o.row, o.last_row):
