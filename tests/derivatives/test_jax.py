@@ -82,6 +82,12 @@ def test_gradients_are_differences(device):
         assert np.abs(expected).max() > 1e-3
         np.testing.assert_allclose(slope, expected, atol=2e-7 * np.abs(expected).max(), rtol=1e-6)
 
+    def shared(friction):  # one row of numbers for all worlds
+        return (slcp_jax.rollout(sim, x, us, {"friction": friction}).states * weight).sum()
+
+    half = jnp.asarray(0.5)
+    np.testing.assert_allclose(jax.grad(shared)(half), differences(shared, half), rtol=1e-6)
+
 
 def test_states_that_are_not_kept_are_made_again(device):
     sim, (x, us) = finger(device), contact(device, steps=7)

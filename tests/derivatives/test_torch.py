@@ -153,22 +153,6 @@ def test_a_failed_world_has_a_status_and_nan(device):
     assert x.grad[1].isnan().all() and x.grad[[0, 2]].isfinite().all()
 
 
-def test_a_failed_world_that_is_left_out_adds_nothing(device):
-    x0, us, _ = start()
-    us = us[:, :5].copy()
-    us[1, 2, 0] = np.nan
-    friction = tensor(0.5, device)
-
-    def gradient(worlds, left):
-        x, u = tensor(x0[worlds], device, grad=False), tensor(us[worlds], device, grad=False)
-        states, status = slcp_torch.rollout(finger(device), x, u, {"friction": friction})
-        return torch.autograd.grad(states[left(status)][:, -1].square().sum(), friction)[0]
-
-    found = gradient([0, 1, 2], lambda status: status == 0)
-    torch.testing.assert_close(found, gradient([0, 2], lambda status: status >= 0))
-    assert gradient([0, 1, 2], lambda status: status >= 0).isnan()
-
-
 def test_torch_func(device):
     sim = finger(device)
     x, us = (t.detach() for t in contact(device))

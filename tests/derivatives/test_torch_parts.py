@@ -1,6 +1,8 @@
-"""Numbers of single parts that a module of PyTorch learns."""
+"""Numbers of single parts that a module of PyTorch learns; what worlds that a loss leaves out add to them."""
 
+import numpy as np
 import pytest
+from taped import start
 from test_torch import contact, finger, slcp_torch, tensor, torch
 
 import slcp_warp as slcp
@@ -70,3 +72,19 @@ def test_logarithms_are_learned_of_what_is_positive(device):
         slcp_torch.Rollout(sim, learn=("mass",), log=("inertia",))
     with pytest.raises(slcp.ParameterError, match="log names 'gravity', which is .* only what is positive"):
         slcp_torch.Rollout(sim, learn="gravity", log="gravity")
+
+
+def test_a_failed_world_that_is_left_out_adds_nothing(device):
+    x0, us, _ = start()
+    us = us[:, :5].copy()
+    us[1, 2, 0] = np.nan
+    friction = tensor(0.5, device)
+
+    def gradient(worlds, left):
+        x, u = tensor(x0[worlds], device, grad=False), tensor(us[worlds], device, grad=False)
+        states, status = slcp_torch.rollout(finger(device), x, u, {"friction": friction})
+        return torch.autograd.grad(states[left(status)][:, -1].square().sum(), friction)[0]
+
+    found = gradient([0, 1, 2], lambda status: status == 0)
+    torch.testing.assert_close(found, gradient([0, 2], lambda status: status >= 0))
+    assert gradient([0, 1, 2], lambda status: status >= 0).isnan()
