@@ -71,9 +71,12 @@ def test_a_world_that_fails_has_no_gradient(device):
     bad[0, 0] = torch.nan
     bad.requires_grad_()
     run = slcp_torch.closed_loop(sim, bad, module, STEPS)
-    (gradient,) = torch.autograd.grad((weight * run.states)[1:].sum(), bad)
+    (gradient,) = torch.autograd.grad((weight * run.states).sum(), bad, retain_graph=True)
     assert run.status[0] == slcp.Status.NONFINITE and not run.status[1:].any()
     assert torch.isfinite(gradient[1:]).all() and torch.isnan(gradient[0]).all()
+    (left_out,) = torch.autograd.grad((weight * run.states)[1:].sum(), bad)
+    torch.testing.assert_close(left_out[1:], gradient[1:])
+    assert not left_out[0].any()
 
 
 def test_bad_input_says_so():
