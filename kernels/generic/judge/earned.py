@@ -102,9 +102,9 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def is_carried(t: wp.ref[Topology], k: wp.ref[Slot], j: int, told: dtype):
-        """Whether those before it carry a coordinate's body so fast, at the start of the step and in energy,
-        that what it misses is a rounding of that: on a rail and a lift a wrist has no other coordinate of its
-        body to be compared with.
+        """Whether those before it carry a coordinate's body so fast, before the step or as forces have it, and
+        in energy, that what it misses is a rounding of that: on a rail and a lift a wrist has no other
+        coordinate of its body to be compared with.
         """
         body = t.dof_body[j]
         f = k.frame[body]
@@ -113,8 +113,12 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
             dof = t.chain[at]
             if t.dof_body[dof] != body:
                 arm = mech.column(t, k, dof, f[2], f[3])
-                x += arm[0] * k.v0[dof]
-                y += arm[1] * k.v0[dof]
+                rate = k.v0[dof]
+                free = k.vfree[t.dof_block[dof]][t.dof_part[dof]]
+                if wp.abs(free) > wp.abs(rate):
+                    rate = free
+                x += arm[0] * rate
+                y += arm[1] * rate
         p = t.dof_block[j]
         own = k.mass[t.mass_at[p] + p][t.dof_part[j], t.dof_part[j]]
         return told * told <= CARRIED * own * mech.number(t, k, MASS, body) * (x * x + y * y)
