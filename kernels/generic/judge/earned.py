@@ -102,8 +102,8 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def is_carried(t: wp.ref[Topology], k: wp.ref[Slot], j: int, told: dtype):
-        """Whether those before it carry a coordinate's body so fast, before the step or as forces have it, and
-        in energy, that what it misses is a rounding of that: on a rail and a lift a wrist has no other
+        """Whether those before it carry a coordinate's body so fast, before the step or as forces have it,
+        that in energy what it misses is a rounding of that: on a rail and a lift a wrist has no other
         coordinate of its body to be compared with.
         """
         body = t.dof_body[j]
