@@ -39,14 +39,12 @@ def roll_out(
         us: (B, N, nu).
         force: (0 or B, 3 bodies), external force.
         status: (B,), zeros; filled.
-        states: where all of them come, zeros; None: an array of their own.
+        states: (B, N+1, nx), zeros, where all of them come; None: some come in an array of their own.
     """
-    numbers, steps = laid_out(rows), us.shape[1]
-    if every:
-        return checkpointed(kernels, numbers, x0, us, force, status, every)
+    numbers = laid_out(rows)
     if states is None:
-        states = wp.zeros((len(x0), steps + 1, x0.shape[1]), dtype=x0.dtype, device=x0.device)
-    return Segments(kernels, numbers, us, force, bounds_of(steps, every), states).run(0, x0, status)
+        return checkpointed(kernels, numbers, x0, us, force, status, every)
+    return Segments(kernels, numbers, us, force, bounds_of(us.shape[1], 0), states).run(0, x0, status)
 
 
 def pull(

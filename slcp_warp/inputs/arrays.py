@@ -145,6 +145,23 @@ def _numbers(name: str, value: Any, kind: str, dtype: Any) -> np.ndarray:
         return np.asarray(found, dtype=wp.dtype_to_numpy(dtype))
 
 
+def with_batch(name: str, value: Any, shape: tuple[int | None, ...]) -> Any:
+    """An array of any library with a batch axis, (B, *shape); None stands for steps, at least one.
+
+    Raises:
+        ArrayError: another shape.
+    """
+    batched = value if value.ndim == len(shape) + 1 else value[None]
+    if batched.ndim != len(shape) + 1 or any(
+        want is not None and want != got for want, got in zip(shape, batched.shape[1:])
+    ):
+        need = ", ".join("N" if n is None else str(n) for n in shape)
+        raise ArrayError(f"{name} has shape {tuple(value.shape)}; (B, {need}) or ({need}) is needed")
+    if None in shape and not batched.shape[1]:
+        raise ArrayError(f"{name} has shape {tuple(value.shape)}; at least one step is needed")
+    return batched
+
+
 def same_worlds(name: str, given: int, worlds: int) -> None:
     """Raise ArrayError where an argument is for another number of worlds than the state."""
     if given != worlds:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..gradients.tape import derivatives_exist
-from ..inputs.arrays import ArrayError
+from ..inputs.arrays import ArrayError, with_batch
 from ..inputs.checks import array, flag, instance, whole
 from ..simulator import Simulator
 from .operators import jacobians_of, rollout_of
@@ -150,12 +150,5 @@ def given(sim: Simulator, name: str, value: Any, shape: tuple[int | None, ...]) 
         library.check(name, value, ArrayError)
     else:
         value = library.numbers(array(name, value, finite=False, error=ArrayError))
-    batched = value if value.ndim == len(shape) + 1 else value[None]
-    if batched.ndim != len(shape) + 1 or any(
-        want is not None and want != got for want, got in zip(shape, batched.shape[1:])
-    ):
-        need = ", ".join("N" if n is None else str(n) for n in shape)
-        raise ArrayError(f"{name} has shape {value.shape}; (B, {need}) or ({need}) is needed")
-    if None in shape and not batched.shape[1]:
-        raise ArrayError(f"{name} has shape {value.shape}; at least one step is needed")
+    batched: jax.Array = with_batch(name, value, shape)
     return batched

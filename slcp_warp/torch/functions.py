@@ -8,7 +8,7 @@ import warp as wp
 from torch import Tensor
 
 from ..gradients.tape import derivatives_exist
-from ..inputs.arrays import ArrayError
+from ..inputs.arrays import ArrayError, with_batch
 from ..inputs.checks import flag, instance, whole
 from ..simulator import Simulator
 from .operators import RolloutFunction, handle_of, rollout_op
@@ -100,12 +100,5 @@ def given(sim: Simulator, name: str, value: Tensor, shape: tuple[int | None, ...
             f"{value.dtype} on {value.device}" if isinstance(value, Tensor) else f"a {type(value).__name__}"
         )
         raise ArrayError(f"{name} is {came}; a tensor of {dtype} on {device} is needed")
-    batched = value if value.ndim == len(shape) + 1 else value.unsqueeze(0)
-    if batched.ndim != len(shape) + 1 or any(
-        w is not None and w != g for w, g in zip(shape, batched.shape[1:])
-    ):
-        need = ", ".join("N" if n is None else str(n) for n in shape)
-        raise ArrayError(f"{name} has shape {tuple(value.shape)}; (B, {need}) or ({need}) is needed")
-    if None in shape and not batched.shape[1]:
-        raise ArrayError(f"{name} has shape {tuple(value.shape)}; at least one step is needed")
+    batched: Tensor = with_batch(name, value, shape)
     return batched

@@ -341,6 +341,24 @@ def test_a_failed_world_that_is_left_out_adds_nothing(device):
             np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
 
 
+def test_generic_kernels(device):
+    options = slcp.Options(scaling="none")
+    sim = slcp.Simulator(
+        scene("flicking_finger"), options, device=device, dtype="float64", strategy="generic"
+    )
+    x, us = contact(device)
+    own, shared = finger(device), jnp.asarray(0.5)
+
+    def loss(sim, x, us, friction):
+        return (slcp_jax.rollout(sim, x, us, {"friction": friction}).states ** 2).sum()
+
+    found, expected = (jax.grad(partial(loss, each), argnums=(0, 1, 2))(x, us, shared) for each in (sim, own))
+    for one, other in zip(found, expected):
+        np.testing.assert_allclose(one, other, atol=1e-8 * np.abs(other).max())
+    jacobians = (slcp_jax.linearize(each, x, us[:, 0]).A for each in (sim, own))
+    np.testing.assert_allclose(*jacobians, atol=1e-8)
+
+
 def test_an_interrupt_is_an_error_and_no_result(device, monkeypatch):
     from slcp_warp.jax import foreign
 

@@ -76,7 +76,9 @@ class Tuned(Printed):
             f"worlds each, ended by {self.ended}"
         )
         if self.value_name is None and not self.better[1] > 0.0:
-            text += f"; these worlds do not tell it from the first: by {percents(self.better)} points"
+            text += (
+                f"; no better than the first, as far as these worlds tell: by {percents(self.better)} points"
+            )
         return text + (f"; at the end of its range: {', '.join(self.at_end)}" if self.at_end else "")
 
     def _tables(self) -> list[Table]:
