@@ -19,6 +19,7 @@ from .island import make_island
 from .judge.beside import MOST_BESIDE, MOST_RUBBING, make_beside
 from .motion.free_motion import make_free_motion
 from .motion.mechanism import COLUMN, make_mechanism
+from .motion.tendons import make_tendons
 from .newton import make_newton
 from .order import make_order
 from .rows.recorded import make_recorded
@@ -36,7 +37,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
     dtype = WORK
     mech = make_mechanism(given)
-    motion = make_free_motion(given)
+    motion, tendons = make_free_motion(given), make_tendons(given)
     contact = make_contact(given, residual) if residual != "none" else None
     beside = make_beside(given)
     settle = make_island(given, residual) if residual != "none" else None
@@ -88,7 +89,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         mech.frames(t, k)
         mech.dynamics(t, k, external, world)
         mech.springs(t, k)
-        mech.tendons(t, k)
+        tendons.act(t, k)
 
     @wp.func
     def excluded(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -254,7 +255,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         impulse=recorded.reported,
         far_gap=recorded.far_gap,
         row_gap=recorded.row_gap,
-        control_force=mech.control_force,
+        control_force=tendons.control_force,
     )
 
 

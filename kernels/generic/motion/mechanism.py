@@ -22,15 +22,13 @@ def make_mechanism(given: type) -> SimpleNamespace:
     dtype = WORK
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
     H = COLUMN["step_size"]
-    ANCHOR, ANGLE, AXIS_OF, COM, MASS, INERTIA, GRAVITY, DAMPING, GEAR = (
-        COLUMN[n] for n in ("anchor", "angle", "axis", "com", "mass", "inertia", "gravity", "damping", "gear")
+    ANCHOR, ANGLE, AXIS_OF, COM, MASS, INERTIA, GRAVITY, DAMPING = (
+        COLUMN[n] for n in ("anchor", "angle", "axis", "com", "mass", "inertia", "gravity", "damping")
     )
     STIFFNESS, REST, PULL, DAMP, LENGTH, TIED, ARMATURE = (
         COLUMN[n] for n in ("stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length",
                             "spring_point", "armature")
     )  # fmt: skip
-    OF_TENDON = ("stiffness", "damping", "length", "coefficient")
-    TENSION, SLOWING, SLACK, SHARE_OF = (COLUMN[f"tendon_{n}"] for n in OF_TENDON)
     PRISMATIC, FREE = JOINT["prismatic"], JOINT["free"]
     SHORT, TINY = dtype(1e-3), dtype(1e-5)  # as in `springs.py`
     PART = dtype(SHARE)
@@ -321,37 +319,6 @@ def make_mechanism(given: type) -> SimpleNamespace:
                 weight = across
             tie(t, k, i, pa, pb, way, weight)
 
-    @wp.func
-    def pull(t: wp.ref[Topology], k: wp.ref[Slot], i: int, force: dtype):
-        """Add the generalised force of one along tendon i."""
-        for at in range(t.tendon_start[i], t.tendon_start[i + 1]):
-            add_force(t, k, t.tendon_dof[at], number(t, k, SHARE_OF, at) * force)
-
-    @wp.func(inline=False)
-    def tendons(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """Add the forces of tendons, and h C and h^2/2 K of them, as `mechanism/tendons.py` has them."""
-        h = number(t, k, H, 0)
-        for i in range(t.tendons):
-            start = t.tendon_start[i]
-            end = t.tendon_start[i + 1]
-            stretch = -number(t, k, SLACK, i)
-            rate = dtype(0.0)
-            for at in range(start, end):
-                share = number(t, k, SHARE_OF, at)
-                stretch += share * k.q[t.tendon_dof[at]]
-                rate += share * k.v0[t.tendon_dof[at]]
-            stiffness = number(t, k, TENSION, i)
-            damping = number(t, k, SLOWING, i)
-            pull(t, k, i, -(stiffness * stretch + damping * rate))
-            weight = wp.where(t.implicit_damping == 1, h * damping, ZERO)
-            weight += wp.where(t.implicit_stiffness == 1, PART * h * h * wp.max(stiffness, ZERO), ZERO)
-            for at in range(start, wp.where(weight > ZERO, end, start)):
-                share = weight * number(t, k, SHARE_OF, at)
-                for by in range(start, end):
-                    if place(t, t.tendon_dof[by]) <= place(t, t.tendon_dof[at]):
-                        own = share * number(t, k, SHARE_OF, by)
-                        add_mass(t, k, t.tendon_dof[at], t.tendon_dof[by], own)
-
     @wp.func(inline=False)
     def springs(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Add the forces of springs at joints and between points, as `springs.py` has them."""
@@ -377,14 +344,6 @@ def make_mechanism(given: type) -> SimpleNamespace:
             if t.implicit_damping == 1 or t.implicit_stiffness == 1:
                 resist(t, k, i, pa, pb, d, inv, rest * wp.sqrt(inv))
 
-    @wp.func
-    def control_force(t: wp.ref[Topology], k: wp.ref[Slot], i: int, u: dtype):
-        """Add the force of actuator i."""
-        if t.actuator[i] >= 0:
-            add_force(t, k, t.actuator[i], number(t, k, GEAR, i) * u)
-        else:
-            pull(t, k, -1 - t.actuator[i], number(t, k, GEAR, i) * u)
-
     return SimpleNamespace(
         number=number,
         frames=frames,
@@ -392,9 +351,9 @@ def make_mechanism(given: type) -> SimpleNamespace:
         twists=twists,
         dynamics=dynamics,
         springs=springs,
-        tendons=tendons,
         tied_point=tied_point,
         SHORT=SHORT,
         TINY=TINY,
-        control_force=control_force,
+        add_force=add_force,
+        add_mass=add_mass,
     )
