@@ -107,6 +107,7 @@ class Structure:
     implicit_stiffness: bool = False  # whether Euler's step meets springs half a step on; only where some are
     armature: tuple[int, ...] = ()  # degrees of freedom whose coordinate has an inertia of its own
     tendons: tuple[tuple[int, ...], ...] = ()  # the degrees of freedom of each, once and ascending
+    limited: tuple[int, ...] = field(default=(), repr=False)  # tendons whose force has a limit
 
     @property
     def nb(self) -> int:
@@ -295,6 +296,8 @@ def layout(s: Structure) -> Layout:
         n = len(s.tendons)
         shapes |= {"tendon_stiffness": (n,), "tendon_damping": (n,), "tendon_length": (n,)}
         shapes |= {"tendon_coefficient": (sum(map(len, s.tendons)),)}
+        if s.limited:
+            shapes |= {"tendon_force_limit": (n,)}
     if s.armature:
         shapes |= {"armature": (s.nv,)}
     if s.uncertain:

@@ -12,7 +12,7 @@ from . import costs, measures, policies, runs, scenes, tasks
 from .description.assemblies.brakes import brake
 from .description.assemblies.pins import pin
 from .description.assemblies.ropes import rope
-from .description.assemblies.servos import servo
+from .description.assemblies.servos import limited_servo, servo
 from .description.mjcf import MjcfError, load_mjcf, mjcf_control_limits
 from .description.parts import Actuator, Body, Contact, Shape, Spring, Tendon, box, touching
 from .description.scene import Scene
@@ -115,6 +115,7 @@ __all__ = [
     "save_worlds",
     "falsify",
     "jvp",
+    "limited_servo",
     "load_mjcf",
     "load_report",
     "load_scene",

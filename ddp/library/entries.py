@@ -30,7 +30,7 @@ def scene_digest(scene: Scene) -> str:
     parts = (
         f"{name}={getattr(s, name)!r}"
         for name in names
-        if name not in ("armature", "tendons") or getattr(s, name)
+        if name not in ("armature", "tendons", "limited") or getattr(s, name)
     )
     return hashlib.sha256(f"Structure({', '.join(parts)})".encode()).hexdigest()[:16]
 

@@ -224,14 +224,25 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     def solve_step(t: wp.ref[Topology], k: wp.ref[Slot]):
         """k.v = v' and, on success, the next state in (k.q, k.v0); the status."""
         status = int(wp.static(SOLVED))
+        more = int(0)
+        if t.limited > 0:
+            more = wp.where(tendons.loosen(t, k) == 1, 0, -1)
         if wp.static(residual != "none"):
-            status = touching(t, k, 0, t.leapfrog)
+            look = int(0)
+            while more >= 0 and look >= 0:
+                status = touching(t, k, 0, t.leapfrog)
+                look = wp.where(t.limited > 0 and status == wp.static(SOLVED), look + 1, -1)
+                if look > 0:
+                    more = tendons.changed(t, k, look)
+                    look = wp.where(more == 1, look, -1)
         else:
             motion.euler(t, k)
             if t.leapfrog == 1:
                 motion.leap(t, k)
             for i in range(t.blocks):
                 k.v[i] = k.vfree[i]
+        if more < 0:
+            status = int(wp.static(NOT_CONVERGED))
         if status == wp.static(SOLVED):
             h = number(t, k, H, 0)
             for j in range(t.nv):
@@ -256,6 +267,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         far_gap=recorded.far_gap,
         row_gap=recorded.row_gap,
         control_force=tendons.control_force,
+        tense=tendons.tense,
     )
 
 

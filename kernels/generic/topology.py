@@ -33,7 +33,7 @@ NUMBERS = (
     "upper", "gear", "friction", "radius", "shape_offset", "shape_angle",
     "stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point", "armature",
     "corner_radius", "restitution", "surface_ratio",
-    "tendon_stiffness", "tendon_damping", "tendon_length", "tendon_coefficient",
+    "tendon_stiffness", "tendon_damping", "tendon_length", "tendon_coefficient", "tendon_force_limit",
 )  # fmt: skip
 
 
@@ -54,6 +54,7 @@ class Topology:
     sprung: int  # dofs with a joint spring
     springs: int
     tendons: int
+    limited: int  # of them, whose force has a limit
     rotors: int  # dofs with an inertia of their own (armature)
     bounces: int  # 1: pairs have a restitution
     overlaps: int  # 1: they leave by no more than a speed, and may stay
@@ -85,6 +86,7 @@ class Topology:
     spring_body: wp.array(dtype=wp.int32)  # (2 springs)
     tendon_start: wp.array(dtype=wp.int32)  # (tendons + 1) coefficients
     tendon_dof: wp.array(dtype=wp.int32)  # their dofs
+    tendon_limited: wp.array(dtype=wp.int32)  # (tendons) 1: its force has a limit
     rotor_dof: wp.array(dtype=wp.int32)  # (rotors)
     shape_body: wp.array(dtype=wp.int32)
     shape_turned: wp.array(dtype=wp.int32)
@@ -147,6 +149,7 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     out["sprung_dof"] = list(s.sprung)
     out["rotor_dof"] = list(s.armature)
     out["tendon_start"], out["tendon_dof"] = _ragged([list(dofs) for dofs in s.tendons])
+    out["tendon_limited"] = [int(i in s.limited) for i in range(len(s.tendons))]
     out["spring_body"] = [body for spring in s.springs for body in spring]
     chains = [[j for j in range(s.nv) if s.in_chain(b, j)] for b in range(s.nb)]
     out["parent"] = [b.parent for b in s.bodies]
@@ -211,7 +214,7 @@ def make_topology(
     out.items, out.planes = (sizes.items, sizes.planes) if items_first(s) else (0, 0)
     out.pair_bits = bits_of(len(s.pairs))
     out.sprung, out.springs, out.tendons = len(s.sprung), len(s.springs), len(s.tendons)
-    out.rotors = len(s.armature)
+    out.rotors, out.limited = len(s.armature), len(s.limited)
     out.bounces = int(s.bounces)
     out.inertia_scaling, out.coulomb, out.leapfrog = int(inertia_scaling), int(coulomb), int(leapfrog)
     out.overlaps, out.depenetration_speed = int(speed is not None), speed or 0.0

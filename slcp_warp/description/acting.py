@@ -23,6 +23,7 @@ BUILT = {
     "restitution": "without restitution",
     "corner_radius": "without corners",
     "surface_ratio": "without a surface that runs",
+    "tendon_force_limit": "without a limit of its force",
     "shape_angle": "with the angle 0, which the kernels leave out",
 }
 
@@ -42,6 +43,8 @@ def acting(structure: Structure, name: str) -> list[bool]:
         return [pair.restitution for pair in s.pairs]
     if name == "surface_ratio":
         return [shape.driver >= 0 for shape in s.shapes]
+    if name == "tendon_force_limit":
+        return [i in s.limited for i in range(len(s.tendons) if s.limited else 0)]
     if name == "corner_radius":
         return [shape.kind == RECTANGLE for shape in s.shapes]
     return [shape.turned for shape in s.shapes]

@@ -35,14 +35,17 @@ def scene_tables(scene: Any) -> list[Table]:
     ]
     controls = [(name, a.gear) for name, a in zip(scene.control_names, scene.actuators)]
     springs = [(world(s.body_a), world(s.body_b), s.stiffness, s.damping) for s in scene.springs]
-    tendons = [(t.name, _sum(t), t.stiffness, t.damping) for t in scene.tendons]
+    tendons = [
+        (t.name, _sum(t), t.stiffness, t.damping, "none" if t.force_limit is None else t.force_limit)
+        for t in scene.tendons
+    ]
     return [
         Table("bodies", ("body", "parent", "joint", "mass", "inertia", "damping"), bodies, left=3),
         Table("shapes", ("shape", "body", "kind", "radius", "offset"), shapes, left=3),
         Table("contacts", ("shape", "and shape", "friction"), contacts, left=2),
         Table("controls", ("control", "gear"), controls),
         Table("springs", ("body", "and body", "stiffness", "damping"), springs, left=2),
-        Table("tendons", ("tendon", "length", "stiffness", "damping"), tendons, left=2),
+        Table("tendons", ("tendon", "length", "stiffness", "damping", "force limit"), tendons, left=2),
     ]
 
 

@@ -261,6 +261,9 @@ class Tendon:
             is met half a step late (`Scene.implicit_stiffness`), so that any is stable.
         damping: >= 0, per unit of dl/dt.
         length: l where nothing is pulled.
+        force_limit: >= 0, what the force along l, of spring, damper and actuators together, is at most to
+            either side (M64) [N, N m]: a motor that stalls, a clutch that slips, a grip that yields; in
+            generic kernels. None: there is none.
     """
 
     name: str
@@ -269,6 +272,7 @@ class Tendon:
     stiffness: float = 0.0
     damping: float = 0.0
     length: float = 0.0
+    force_limit: float | None = None
 
     def __post_init__(self) -> None:
         Fields(self, "tendon, ").text("name")
@@ -285,6 +289,7 @@ class Tendon:
         fields.entries("coefficients", len(given), "tendon_coefficient")
         for name in ("stiffness", "damping", "length"):
             fields.number(name, f"tendon_{name}")
+        fields.number("force_limit", "tendon_force_limit", optional=True)
 
 
 def spread(value: Any, i: int, default: Any) -> Any:

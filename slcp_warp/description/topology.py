@@ -58,6 +58,7 @@ def structure_of(
         implicit_stiffness=implicit_stiffness and bool(tree.sprung or springs or tendons),
         armature=tuple(tree.armature),
         tendons=_joined(tendons, bodies),
+        limited=tuple(i for i, tendon in enumerate(tendons) if tendon.force_limit is not None),
     )
 
 

@@ -23,6 +23,7 @@ NONNEGATIVE = (
     "spring_damping",
     "spring_length",
     "tendon_damping",
+    "tendon_force_limit",
 )
 OF_EITHER_SIGN = (
     "gravity",

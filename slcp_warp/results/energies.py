@@ -19,7 +19,8 @@ class Energies(Arrays):
     Attributes:
         kinetic: v' M(q) v / 2, of bodies and of joints' armature.
         potential: -m g . c of all centres of mass c; zero where these are at the world's origin.
-        elastic: of springs of joints, springs between points and tendons, k (l - L)^2 / 2.
+        elastic: of springs of joints, springs between points and tendons, k (l - L)^2 / 2; those with a
+            limit of their force are motors or clutches, and are left out.
     """
 
     kinetic: np.ndarray
@@ -79,6 +80,8 @@ def _stretched(bodies: MovingBodies) -> np.ndarray:
     for i, dofs in enumerate(bodies.structure.tendons):
         shares = bodies.p["tendon_coefficient"][..., start : start + len(dofs)]
         start += len(dofs)
+        if i in bodies.structure.limited:
+            continue
         length = np.sum(shares * bodies.q[..., list(dofs)], -1) - bodies.p["tendon_length"][..., i]
         out += 0.5 * bodies.p["tendon_stiffness"][..., i] * length**2
     return out

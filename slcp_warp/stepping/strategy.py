@@ -78,6 +78,8 @@ def missing(s: Structure, method: Method) -> str:
         return f"noise {method.noise!r}"
     if method.tolerance is not None:
         return f"tolerance {method.tolerance!r}"
+    if method.leapfrog and s.limited:
+        return f"integrator {method.integrator!r} with force_limit of tendons"
     if method.end_gap:
         return f"gap {method.gap!r}"
     if method.converts:
@@ -94,6 +96,8 @@ def of_generic_kernels(s: Structure, method: Method) -> str:
         return f"integrator {method.integrator!r}"
     if s.runs:
         return "driven_by of shapes"
+    if s.limited:
+        return "force_limit of tendons"
     return "restitution" if s.bounces else ""
 
 

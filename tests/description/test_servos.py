@@ -66,3 +66,42 @@ def test_what_cannot_be_is_said(given, says):
     body = slcp.Body("slide", 1.0, 0.01, joint="prismatic")
     with pytest.raises(slcp.InputError, match=says):
         slcp.servo(**({"body": body} | given))
+
+
+def test_a_limited_servo_is_a_servo_until_its_limit():
+    """The same motion while 3 N suffice, to where the spring is met (both half a step late); a stall at 3 N
+    against what stands in its way, a fall at what it cannot hold.
+    """
+    body = slcp.Body("slide", 2.0, 0.05, joint="prismatic")
+    told, motor = slcp.servo(body, 50.0)
+    tendon, limited = slcp.limited_servo(body, 50.0, 3.0)
+    assert (tendon.name, limited.tendon, limited.gear) == ("slide_servo", "slide_servo", 50.0)
+    assert tendon.damping == told.damping
+    near = run([told], [motor], [0.05]).states
+    scene = slcp.Scene("limited", (body,), actuators=(limited,), tendons=(tendon,), gravity=(0.0, 0.0),
+                       step_size=0.005)  # fmt: skip
+    sim = slcp.Simulator(scene, slcp.Options("hard"), device="cpu", dtype="float64")
+    np.testing.assert_allclose(sim.rollout([0.0, 0.0], np.full((400, 1), 0.05)).states, near, atol=1e-13)
+    far = sim.rollout([0.0, 0.0], np.full((400, 1), 5.0)).states
+    assert np.diff(far[:, 1]).max() / 0.005 == pytest.approx(3.0 / 2.0, rel=1e-12)
+
+
+def test_names_of_limited_servos():
+    free = slcp.Body("ship", 2.0, 0.1, joint="free")
+    servos = [slcp.limited_servo(free, 5.0, 1.0, dof=i) for i in range(3)]
+    assert [t.coordinates for t, _ in servos] == [("ship.x",), ("ship.y",), ("ship.angle",)]
+    tendons, actuators = zip(*servos)
+    scene = slcp.Scene("ship", (free,), actuators=actuators, tendons=tendons)
+    assert scene.control_names == ("ship_x_servo", "ship_y_servo", "ship_angle_servo")
+    numbers = slcp.Parameters(scene).replace(**{"ship_y_servo.tendon_force_limit": 2.0})
+    assert numbers["tendon_force_limit"].tolist() == [1.0, 2.0, 1.0]
+    with pytest.raises(slcp.SceneError, match="force_limit is 0"):
+        slcp.limited_servo(free, 5.0, 0.0)
+
+
+def test_a_file_keeps_limits(tmp_path):
+    body = slcp.Body("slide", 2.0, 0.05, joint="prismatic")
+    tendon, motor = slcp.limited_servo(body, 50.0, 3.0)
+    scene = slcp.Scene("limited", (body,), actuators=(motor,), tendons=(tendon,))
+    slcp.save_scene(scene, tmp_path / "scene.json")
+    assert slcp.load_scene(tmp_path / "scene.json") == scene

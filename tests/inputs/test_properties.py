@@ -94,6 +94,8 @@ CALLS = {
                        "stiffness": 1e4, "damping": 10.0, "arm": 0.5}, {}),
     "brake": (slcp.brake, {"body": slcp.Body("b", 1.0, 0.1), "holds": 1.0, "bit": 4}, {}),
     "servo": (slcp.servo, {"body": slcp.Body("b", 1.0, 0.1), "stiffness": 2.0, "damping": 0.5}, {}),
+    "limited_servo": (slcp.limited_servo, {"body": slcp.Body("b", 1.0, 0.1), "stiffness": 2.0,
+                                           "force_limit": 3.0, "damping": 0.5}, {}),
     "Environment": (slcp.Environment, {"task": KICKED, "worlds": 2, "device": "cpu"},
         {"period": ("controls",)}),
     "Environment.step": (ENVIRONMENT.step, {"controls": U}, {}),

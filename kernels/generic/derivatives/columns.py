@@ -7,6 +7,7 @@ import warp as wp
 from ...factories import cached
 from ...mechanism.stiff_springs import SHARE
 from ..motion.mechanism import COLUMN, make_mechanism
+from ..motion.tendons import make_tendons
 from ..topology import CONTACT, Topology, place
 from ..work import LANES, WORK, Lanes, Slot
 from .bodies import make_bodies
@@ -26,7 +27,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
     dtype = WORK
     number = make_mechanism(given).number
     TENSION, SLOWING, SHARE_OF = (COLUMN[f"tendon_{n}"] for n in ("stiffness", "damping", "coefficient"))
-    bodies, springs = make_bodies(given), make_spring_slopes(given)
+    bodies, springs, tendons = make_bodies(given), make_spring_slopes(given), make_tendons(given)
     contacts = residual != "none"
     pairs = make_pair_slopes(given, residual) if contacts else None
     rows = make_row_slopes(given, residual) if contacts else None
@@ -111,10 +112,12 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def of_tendons(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int):
-        """As `of_joints` of tendons."""
+        """As `of_joints` of tendons; one whose force is at its limit has none."""
         x = d.known[b]
         h = number(t, k, H, 0)
         for i in range(t.tendons):
+            if tendons.is_steady(t, k, i):
+                continue
             stiffness = number(t, k, TENSION, i)
             weight = -h * stiffness
             if velocity == 1:
@@ -140,6 +143,8 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
             put(x, place(t, t.actuator[i]), lane, push)
         else:
             tendon = -1 - t.actuator[i]
+            if tendons.is_steady(t, k, tendon):
+                return
             for at in range(t.tendon_start[tendon], t.tendon_start[tendon + 1]):
                 share = number(t, k, SHARE_OF, at)
                 put(x, place(t, t.tendon_dof[at]), lane, push * share)

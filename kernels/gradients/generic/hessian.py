@@ -150,6 +150,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             k.q[j] = w.q[j]
             k.v0[j] = w.rates[wp.static(OLD) * t.nv + j]
         step.begin(t, k, external, world)
+        if t.limited > 0:
+            step.tense(t, k)
         if wp.static(contacts):
             contact.move_shapes(t, k)
             refill(t, k)

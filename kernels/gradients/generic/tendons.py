@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ...generic.motion.tendons import make_tendons as make_steady
 from ...generic.topology import Topology
 from ...generic.work import Slot
 from ...mechanism.stiff_springs import SHARE
@@ -19,14 +20,14 @@ from .solved import make_solved
 @cached
 def make_tendons(given: type, graded: bool) -> SimpleNamespace:
     """motion(t, k, w, i), row_part(t, k, w, i, kappa) of tendon i; felt(t, k, w, i) = c.P, and
-    pulled(t, k, w, i, force): the columns of a force along it that P.F1 has.
+    pulled(t, k, w, i, force): the columns of a force along it that P.F1 has; is_steady(t, k, i).
     """
     z = make_solved(given, graded)
     number, add = z.number, z.add
-    H, K, DAMPING, LENGTH, COEFFICIENT = (
-        z.COLUMN[n] for n in ("step_size", *(f"tendon_{n}" for n in ("stiffness", "damping", "length",
-                                                                     "coefficient")))
-    )  # fmt: skip
+    is_steady = make_steady(given).is_steady
+    H = z.COLUMN["step_size"]
+    OF_TENDON = ("stiffness", "damping", "length", "coefficient", "force_limit")
+    K, DAMPING, LENGTH, COEFFICIENT, LIMIT = (z.COLUMN[f"tendon_{n}"] for n in OF_TENDON)
     ZERO, TWO, PART = wp.float64(0.0), wp.float64(2.0), wp.float64(SHARE)
 
     @wp.func
@@ -47,7 +48,20 @@ def make_tendons(given: type, graded: bool) -> SimpleNamespace:
             add(t, w, COEFFICIENT, at, force * w.rates[wp.static(DUAL) * t.nv + t.tendon_dof[at]])
 
     @wp.func
+    def steady(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], i: int):
+        """Of a force at its limit: -h (c.P) of it."""
+        h = number(t, k, H, 0)
+        p = felt(t, k, w, i)
+        force = wp.float64(k.yields[i]) * number(t, k, LIMIT, i)
+        add(t, w, LIMIT, i, -h * wp.float64(k.yields[i]) * p)
+        add(t, w, H, 0, -force * p)
+        pulled(t, k, w, i, -h * force)
+
+    @wp.func
     def motion(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], i: int):
+        if is_steady(t, k, i):
+            steady(t, k, w, i)
+            return
         h = number(t, k, H, 0)
         stiffness = number(t, k, K, i)
         damping = number(t, k, DAMPING, i)
@@ -84,6 +98,8 @@ def make_tendons(given: type, graded: bool) -> SimpleNamespace:
 
     @wp.func
     def row_part(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], i: int, kappa: wp.float64):
+        if is_steady(t, k, i):
+            return
         h = number(t, k, H, 0)
         m = along(t, k, w, i, wp.static(ROW))
         weight = ZERO + ZERO
@@ -101,4 +117,4 @@ def make_tendons(given: type, graded: bool) -> SimpleNamespace:
             own = w.rates[wp.static(ROW) * t.nv + t.tendon_dof[at]]
             add(t, w, COEFFICIENT, at, -TWO * kappa * weight * m * own)
 
-    return SimpleNamespace(motion=motion, row_part=row_part, felt=felt, pulled=pulled)
+    return SimpleNamespace(motion=motion, row_part=row_part, felt=felt, pulled=pulled, is_steady=is_steady)

@@ -129,7 +129,9 @@ def _tendons(rng: Rng, scene: Scene, mass: Array, h: Array, most: float) -> dict
     k, m = len(tendons), sum(map(len, tendons))
     pulled = mass[:, [scene.structure.dof_body[dofs[-1]] for dofs in tendons]]
     slow = np.where(rng.random((n, 1)) < 0.7, decades(rng, -2, 0.75 * most, n, k), 0.0)
-    return {
+    limited = scene.structure.limited
+    limits = {"tendon_force_limit": decades(rng, -2, 4, n, k) * pulled} if limited else {}
+    return limits | {
         "tendon_stiffness": stiffened(rng, scene, decades(rng, 0, 4, n, k), pulled, h),
         "tendon_damping": slow,
         "tendon_length": rng.uniform(-0.5, 0.5, (n, k)),

@@ -11,6 +11,7 @@ from slcp_warp.description.acting import BUILT, acting
 from slcp_warp.description.kinematics import Array
 from slcp_warp.options import Options, Status
 
+from ..mechanics.yielding import yielding
 from .draws import Worlds
 from .judge import Outcome
 from .problem import Problem, Truth
@@ -96,6 +97,9 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
         external = None if force is None else problem.truth.mech.wrenches(worlds.x[:, :nv], force)
         done = step(sim, worlds, numbers, external)
         out = Outcome.of(done)
+    if sim.scene.structure.limited:  # as the step's own end has them
+        (full, force), truth = yielding(sim.scene, full, force, out.x), None
+        problem = pose(None)
     with np.errstate(all="ignore"):
         return Verdicts(problem, out, pose), done
 

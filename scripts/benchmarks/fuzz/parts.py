@@ -20,6 +20,7 @@
 - rotors: one to four steps of mechanisms with armature at half of their joints;
 - tendons: one to four steps of mechanisms with tendons, some with rectangles or restitution;
 - tendon-derivatives: derivatives of these;
+- limits: mechanisms with tendons whose force has a limit, followed for up to 20 steps; limit-derivatives;
 - runs: mechanisms with surfaces that run, followed for up to 20 steps; run-derivatives;
 - leaps: one step of mechanisms under the leapfrog, from where Euler's leads; leap-derivatives;
 - rings: mechanisms in rings and with rings on their bodies, followed for up to 20 steps;
@@ -42,6 +43,7 @@ from .structures import (
     random_auto,
     random_blocks,
     random_bouncers,
+    random_limited,
     random_rings,
     random_runners,
     random_scene,
@@ -143,6 +145,8 @@ PARTS = {
     "rotors": Part((99, 10), rotor_scene, steps=(1, 4)),
     "tendons": Part((99, 15), random_tendons, steps=(1, 4)),
     "tendon-derivatives": Part((99, 16), random_tendons, strategies=("generic",), differentiated=True),
+    "limits": Part((99, 25), random_limited, steps=(1, 20), strategies=("generic",)),
+    "limit-derivatives": Part((99, 26), random_limited, strategies=("generic",), differentiated=True),
     "runs": Part((99, 21), random_runners, steps=(1, 20), strategies=("generic",)),
     "run-derivatives": Part((99, 22), random_runners, strategies=("generic",), differentiated=True),
     "leaps": Part((99, 23), strategies=("generic",), integrator="leapfrog"),

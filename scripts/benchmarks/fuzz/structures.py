@@ -147,6 +147,14 @@ def random_tendons(rng: Rng, name: str, size: Size = Size()) -> Scene:
     return dataclasses.replace(scene, tendons=tuple(tendons), actuators=(*scene.actuators, *pulled))
 
 
+def random_limited(rng: Rng, name: str, size: Size = Size()) -> Scene:
+    """The same, where the force of most tendons has a limit."""
+    scene = random_tendons(rng, name, size)
+    has = [i == 0 or rng.random() < 0.7 for i in range(len(scene.tendons))]
+    limited = (dataclasses.replace(t, force_limit=1.0) if on else t for t, on in zip(scene.tendons, has))
+    return dataclasses.replace(scene, tendons=tuple(limited))
+
+
 def _assembled(
     rng: Rng, name: str, bodies: tuple[Body, ...], shapes: tuple[Shape, ...], **touching: Any
 ) -> Scene:
@@ -286,6 +294,8 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
         given: dict[str, Any] = {
             name: float(numbers[f"tendon_{name}"][i]) for name in ("stiffness", "damping", "length")
         }
+        if tendon.force_limit is not None:
+            given["force_limit"] = float(numbers["tendon_force_limit"][i])
         tendons.append(dataclasses.replace(
             tendon, coordinates=tuple(sorted(tendon.coordinates, key=scene.state_index)),
             coefficients=flat(numbers["tendon_coefficient"][at:end]), **given,

@@ -8,7 +8,8 @@ import numpy as np
 
 from ...inputs.checks import instance, number, whole
 from ...inputs.errors import SceneError
-from ..parts import JOINTS, Actuator, Body
+from ..names import DOFS
+from ..parts import JOINTS, Actuator, Body, Tendon
 
 
 def servo(body: Body, stiffness: float, damping: float | None = None, dof: int = 0) -> tuple[Body, Actuator]:
@@ -16,7 +17,8 @@ def servo(body: Body, stiffness: float, damping: float | None = None, dof: int =
 
     The force is kp (u - q) - kv q', with the spring and the damper in the step's implicit part: it never
     diverges, but rings where sqrt(kp / m) is faster than the step. What the joint has of them by itself
-    stays, and `Task.control_limits` are limits of the wanted position, in m or rad. The force has no limit.
+    stays, and `Task.control_limits` are limits of the wanted position, in m or rad. The force has no limit:
+    `limited_servo` has one.
 
     Args:
         body: whose joint it is.
@@ -28,6 +30,47 @@ def servo(body: Body, stiffness: float, damping: float | None = None, dof: int =
     Raises:
         SceneError: no such degree of freedom, or numbers that cannot be.
     """
+    damping, count = _damping(body, stiffness, damping, dof), JOINTS[body.joint]
+    own = _number(body.stiffness, dof)
+    changes: dict[str, Any] = {
+        "stiffness": _with(body.stiffness, count, dof, own + stiffness),
+        "damping": _with(body.damping, count, dof, _number(body.damping, dof) + damping),
+        "rest": _with(body.rest, count, dof, own * _number(body.rest, dof) / (own + stiffness)),
+    }
+    return dataclasses.replace(body, **changes), Actuator(body.name, dof, stiffness)
+
+
+def limited_servo(
+    body: Body, stiffness: float, force_limit: float, damping: float | None = None, dof: int = 0
+) -> tuple[Tendon, Actuator]:
+    """A servo whose force has a limit: a tendon and an actuator, for a scene's `tendons` and `actuators`.
+
+    The force is kp (u - q) - kv q' at the end of the step, and no more than the limit to either side (M64): a
+    motor that stalls, that pushes on at what stands in its way, that brakes no harder than it can. The joint
+    keeps what it has of springs and dampers by itself. Tendon and control are called NAME_servo, NAME the
+    body's name (of a joint of several degrees of freedom NAME_x_servo, as its coordinate is called). Such
+    scenes are stepped by generic kernels.
+
+    Where the force is at its limit nothing changes with u: a plan sees no slope there, and a cost of u - q,
+    or a start whose targets are near, helps it.
+
+    Args:
+        body, stiffness, damping, dof: as of `servo`.
+        force_limit: > 0 [N, N m]; the parameter "NAME_servo.tendon_force_limit".
+
+    Raises:
+        SceneError: no such degree of freedom, or numbers that cannot be.
+    """
+    damping = _damping(body, stiffness, damping, dof)
+    number("force_limit", force_limit, 0.0, above=True, error=SceneError)
+    word = DOFS[body.joint][dof]
+    name = f"{body.name}_servo" if JOINTS[body.joint] == 1 else f"{body.name}_{word}_servo"
+    tendon = Tendon(name, (f"{body.name}.{word}",), (1.0,), stiffness, damping, force_limit=force_limit)
+    return tendon, Actuator(gear=stiffness, tendon=name)
+
+
+def _damping(body: Body, stiffness: float, damping: float | None, dof: int) -> float:
+    """The damping of a servo, critical where it is None; arguments of one that cannot be are a SceneError."""
     instance("body", body, Body, "a Body")
     number("stiffness", stiffness, 0.0, above=True, error=SceneError)
     whole("dof", dof, 0, error=SceneError)
@@ -36,14 +79,7 @@ def servo(body: Body, stiffness: float, damping: float | None = None, dof: int =
         raise SceneError(f"body {body.name!r}: dof is {dof}; joint {body.joint!r} has {count}, from 0")
     if damping is None:
         damping = 2.0 * math.sqrt(stiffness * _inert(body, dof))
-    number("damping", damping, 0.0, error=SceneError)
-    own = _number(body.stiffness, dof)
-    changes: dict[str, Any] = {
-        "stiffness": _with(body.stiffness, count, dof, own + stiffness),
-        "damping": _with(body.damping, count, dof, _number(body.damping, dof) + damping),
-        "rest": _with(body.rest, count, dof, own * _number(body.rest, dof) / (own + stiffness)),
-    }
-    return dataclasses.replace(body, **changes), Actuator(body.name, dof, stiffness)
+    return number("damping", damping, 0.0, error=SceneError)
 
 
 def _inert(body: Body, dof: int) -> float:

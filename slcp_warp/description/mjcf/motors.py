@@ -3,9 +3,10 @@
 MuJoCo's servos are affine: along its joint or tendon an actuator of gear g pushes with
 g (a u + b_0 + b_1 g q + b_2 g q'). The part with u is an `Actuator`; what depends on position and velocity
 is a spring of -g^2 b_1 and a damper of -g^2 b_2 of the joint or tendon, exactly, and its rotor an armature of
-g^2 times its own.
+g^2 times its own. One whose force has a range is a tendon of its own (`limits.py`).
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,7 @@ from .names import named
 from .plane import MjcfError
 
 JOINT, TENDON = "joint", "tendon"
+FORCERANGE = "forcerange"
 
 
 @dataclass(frozen=True)
@@ -78,10 +80,22 @@ def force_limits(m: Any) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def servos(m: Any) -> dict[tuple[str, int], Servo]:
-    """What actuators do to their joints and tendons, by what they act on."""
+def terms_of(m: Any, i: int) -> tuple[float, float, float]:
+    """What actuator i pushes by itself along its joint or tendon, geared: the push at length 0, a stiffness
+    and a damping, b_0, -b_1 and -b_2.
+    """
     import mujoco
 
+    if m.actuator_biastype[i] != mujoco.mjtBias.mjBIAS_AFFINE:
+        return 0.0, 0.0, 0.0
+    constant, by_length, by_rate = (float(x) for x in m.actuator_biasprm[i, :3])
+    return constant, -by_length, -by_rate
+
+
+def servos(m: Any, limited: Collection[int]) -> dict[tuple[str, int], Servo]:
+    """What actuators do to their joints and tendons, by what they act on; the forces of those that are
+    `limited` are tendons' of their own.
+    """
     out: dict[tuple[str, int], Servo] = {}
     for i in range(m.nu):
         own = out.setdefault(gain_of(m, i)[:2], Servo())
@@ -89,9 +103,9 @@ def servos(m: Any) -> dict[tuple[str, int], Servo]:
         for name in ("armature", "damping"):
             part = gear**2 * float(getattr(m, f"actuator_{name}", [0.0] * m.nu)[i])
             setattr(own, name, getattr(own, name) + part)
-        if m.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE:
-            constant, by_length, by_rate = (float(x) for x in m.actuator_biasprm[i, :3])
-            own.push += gear * constant
-            own.stiffness -= gear**2 * by_length
-            own.damping -= gear**2 * by_rate
+        if i not in limited:
+            push, stiffness, damping = terms_of(m, i)
+            own.push += gear * push
+            own.stiffness += gear**2 * stiffness
+            own.damping += gear**2 * damping
     return out

@@ -24,6 +24,7 @@ from .bounds import check_bounds
 from .contacts import read_contacts
 from .equalities import Equalities, joints_held, warn_of_start
 from .joints import Joints, Link
+from .limits import is_alike, limited, limited_tendon
 from .motors import TENDON, Coordinate, force_limits, gain_of, servos
 from .names import Names, named
 from .plane import MjcfError, Place, Plane, angle_of, plane_of
@@ -106,6 +107,8 @@ def mjcf_control_limits(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.nd
 
 def _is_made(m: Any, field: str, i: int, brakes: bool) -> bool:
     """Whether something here stands for what a field of a MuJoCo model has at a place."""
+    if field == "actuator_forcelimited":
+        return is_alike(m, i)
     return (field == "dof_frictionloss" and brakes) or (field == "tendon_limited" and is_straight(m, i))
 
 
@@ -133,7 +136,8 @@ class _Reader:
         self.place: dict[int, Place] = {0: Place(None, np.eye(2), np.zeros(2))}  # of every MuJoCo body
         self.apart: list[tuple[str, str]] = []  # bodies here that several joints tie to each other
         self.welded: dict[str, list[tuple[float, np.ndarray, float]]] = {}
-        self.servos = servos(model)
+        self.limited = dict.fromkeys(limited(model, left_out), "")  # actuators, and their tendons' names
+        self.servos = servos(model, self.limited)
         self.joints = Joints(model, plane, self.servos, self._tied())
         self.tendon_names: dict[int, str] = {}  # of fixed ones
         self.springs: tuple[Spring, ...] = ()  # of equality constraints
@@ -189,6 +193,8 @@ class _Reader:
             fixed = (i for i in range(m.ntendon) if not is_straight(m, i))
             self.tendon_names = {i: self.names.tendon("tendon", i) for i in fixed}
         out = read_tendons(m, self.tendon_names, self.coordinates, self.servos)
+        self.limited = {i: self.names.tendon("actuator", i) for i in self.limited}
+        out += tuple(limited_tendon(m, i, name, self.coordinates) for i, name in self.limited.items())
         if EQUALITIES in self.left_out:
             return out
         equalities = Equalities(m, self.plane, self.at_rest, self.place, self.coordinates, self.names, own)
@@ -282,6 +288,8 @@ class _Reader:
 
     def _actuator(self, i: int) -> Actuator:
         kind, which, push = gain_of(self.m, i)
+        if i in self.limited:
+            return Actuator(gear=float(self.m.actuator_gainprm[i, 0]), tendon=self.limited[i])
         if kind == TENDON:
             if which not in self.tendon_names:
                 name, its = named(self.m, "actuator", i), named(self.m, "tendon", which)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .motors import FORCERANGE
 from .names import named
 from .plane import MjcfError
 
@@ -30,7 +31,7 @@ FIELDS = {
     },
     "body": {"body_gravcomp": "gravcomp"},
     "actuator": {
-        "actuator_forcelimited": "forcerange", "actuator_dampingpoly": "nonlinear damping",
+        "actuator_forcelimited": FORCERANGE, "actuator_dampingpoly": "nonlinear damping",
         "actuator_delay": "delay",
     },
 }  # fmt: skip

@@ -31,7 +31,7 @@ SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset", "t
 NAMES = (*PERTURBABLE, *SIGNED)
 OF_NO_BODY = (
     *("step_size", "gravity", "sigma", "spring_stiffness", "spring_damping", "spring_length"),
-    *("tendon_stiffness", "tendon_damping", "tendon_length", "tendon_coefficient"),
+    *("tendon_stiffness", "tendon_damping", "tendon_length", "tendon_coefficient", "tendon_force_limit"),
 )
 
 

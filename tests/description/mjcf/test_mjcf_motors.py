@@ -102,7 +102,9 @@ def test_same_motion(models):
 
 
 def test_forceranges_of_motors_limit_their_controls(tmp_path):
-    """MuJoCo clamps gain u; of a servo, whose force is not the control's alone, nothing is said."""
+    """MuJoCo clamps gain u; of a servo, whose force is not the control's alone, nothing is said. Ranges that
+    differ from side to side are not read.
+    """
     path = tmp_path / "model.xml"
     actuators = (
         '<motor joint="one" gear="3" forcerange="-4 6"/>'
@@ -125,3 +127,44 @@ def test_forceranges_of_motors_limit_their_controls(tmp_path):
             mujoco.mj_forward(model, data)
             forces.append(data.actuator_force[i])
         assert forces[0] == forces[1] != 0.0
+
+
+LIMITED = (
+    '<position name="p" joint="one" kp="300" kv="2" forcerange="-5 5" gear="1.5"/>'
+    '<motor joint="two" gear="2" forcerange="-3 3"/>'
+    '<position joint="three" kp="120" dampratio="1" forcerange="-4 4"/>'
+)
+
+
+def test_servos_with_a_range_of_force_move_as_in_mujoco(tmp_path):
+    """A tenth of a second at the limit of one, two or three of them; the error halves with h."""
+    path = tmp_path / "model.xml"
+    path.write_text(MODEL.replace("ACTUATORS", LIMITED))
+    scene, model = slcp.load_mjcf(path), mujoco.MjModel.from_xml_path(str(path))
+    assert scene.control_names == ("p", "actuator1", "actuator2")
+    assert [t.force_limit for t in scene.tendons] == [5.0, 3.0, 4.0]
+    data, sim = mujoco.MjData(model), slcp.Simulator(scene, device="cpu", dtype="float64")
+    limits, at_limit = np.array([5.0, 3.0, 4.0]), np.zeros(3)
+    for q, v, u in zip(*states(model, 3)):
+        u, errors = u * [1.0, 4.0, 1.0], []
+        for h in (1e-3, 5e-4):
+            model.opt.timestep, steps = h, round(0.1 / h)
+            mujoco.mj_resetData(model, data)
+            data.qpos[:], data.qvel[:], data.ctrl[:] = model.qpos0 + SIGNS * q, SIGNS * v, u
+            for _ in range(steps):
+                mujoco.mj_step(model, data)
+                at_limit += np.abs(data.actuator_force) >= limits
+            run = sim.rollout([*q, *v], np.tile(u, (steps, 1)), sim.params.replace(step_size=h))
+            there = [*(SIGNS * (data.qpos - model.qpos0)), *(SIGNS * data.qvel)]
+            errors.append(np.abs(run.states[-1] - there).max())
+        assert errors[0] < 0.1 and 0.4 < errors[1] / errors[0] < 0.6
+    assert (at_limit > 100).all()
+
+
+def test_a_range_of_force_needs_no_push_by_itself(tmp_path):
+    path = tmp_path / "model.xml"
+    pushes = '<general joint="one" biastype="affine" biasprm="1 0 -2" forcerange="-5 5"/>'
+    path.write_text(MODEL.replace("ACTUATORS", pushes))
+    with pytest.raises(slcp.MjcfError, match="it pushes by 1 without a control; with forcerange"):
+        slcp.load_mjcf(path)
+    assert slcp.mjcf_control_limits(path)[1].tolist() == [np.inf]

@@ -1,0 +1,247 @@
+"""Tendons whose force has a limit, against their law at the step's end, differences and closed forms."""
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp.scripts.benchmarks.fuzz.rolled import roll
+from slcp_warp.scripts.benchmarks.fuzz.run import run_task
+from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
+from slcp_warp.scripts.benchmarks.mechanics.yielding import asked
+
+K, C, LIMIT, H = 200.0, 20.0, 5.0, 0.01
+
+
+def slider(limit=LIMIT, h=H, gravity=(0.0, 0.0), **rules):
+    """A mass of 1 kg on a rail that a servo drives."""
+    tendon = slcp.Tendon("servo", ("slide.shift",), (1.0,), K, C, force_limit=limit)
+    return slcp.Scene(
+        "slider",
+        (slcp.Body("slide", 1.0, 0.01, joint="prismatic"),),
+        actuators=(slcp.Actuator(tendon="servo", gear=K),),
+        tendons=(tendon,),
+        gravity=gravity,
+        step_size=h,
+        **rules,
+    )
+
+
+def rolled(scene, u, steps):
+    sim = slcp.Simulator(scene, slcp.Options("hard"), dtype="float64")
+    return sim.rollout(scene.x0, np.full((steps, scene.nu), u))
+
+
+def test_a_far_target_is_met_with_the_limit_and_no_more():
+    run = rolled(slider(), 1.0, 600)
+    q, v = run.states.T
+    force = np.diff(v) / H
+    assert np.abs(force).max() == pytest.approx(LIMIT, rel=1e-12)
+    early = np.arange(40)
+    np.testing.assert_allclose(v[early], LIMIT * H * early, rtol=1e-12)
+    assert q[-1] == pytest.approx(1.0, abs=1e-6) and abs(v[-1]) < 1e-6
+    assert force.min() < -0.99 * LIMIT  # it brakes with the limit, too
+
+
+@pytest.mark.parametrize("implicit", [True, False])
+def test_every_step_is_the_law_of_its_end(implicit):
+    """M (v' - v)/h = clip(k (u - q - h/2 (v' - v)) - c v'), found by bisection of a monotone function."""
+    scene = slider(implicit_damping=implicit, implicit_stiffness=implicit, gravity=(1.3, 0.0))
+    run = rolled(scene, 0.7, 200)
+    late = 1.0 if implicit else 0.0
+    for q, v, new in zip(run.states[:-1, 0], run.states[:-1, 1], run.states[1:, 1]):
+
+        def excess(w, q=q, v=v):
+            asked = K * (0.7 - q - 0.5 * H * late * (w - v)) - C * (v + late * (w - v))
+            return w - v - H * (1.3 + np.clip(asked, -LIMIT, LIMIT))
+
+        low, high = v - 1.0, v + 1.0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
+        assert new == pytest.approx(low, abs=1e-12)
+
+
+def test_a_limit_that_is_never_reached_changes_nothing():
+    free = slcp.Simulator(slider(None), slcp.Options("hard"), dtype="float64", strategy="generic")
+    us = np.random.default_rng(5).uniform(-0.02, 0.02, (300, 1))
+    there = slcp.Simulator(slider(50.0), slcp.Options("hard"), dtype="float64").rollout(np.zeros(2), us)
+    np.testing.assert_array_equal(free.rollout(np.zeros(2), us).states, there.states)
+
+
+def test_a_stalled_motor_holds_up_to_its_limit():
+    """A weight of 1 kg on a servo: up to 9.81 N it hangs lower by that over k, beyond it falls."""
+    body = slcp.Body("lift", 1.0, 0.01, joint="prismatic", axis=(0.0, 1.0))
+    for limit, falls in ((9.9, 0.0), (9.0, 9.81 - 9.0)):
+        tendon = slcp.Tendon("servo", ("lift.shift",), (1.0,), 1e4, 1e2, force_limit=limit)
+        scene = slcp.Scene("lift", (body,), tendons=(tendon,), step_size=H)
+        q = rolled(scene, 0.0, 400).states[:, 0]
+        if falls:
+            assert np.diff(q, 2)[-1] / H**2 == pytest.approx(-falls, rel=1e-9)
+        else:
+            assert q[-1] == pytest.approx(-9.81 / 1e4, rel=1e-9)
+
+
+def gripper(options):
+    """Two fingers that limited servos press on a box, one joined over both, above a ground."""
+    up = np.pi / 2
+    fingers = tuple(slcp.Body(n, 0.5, 0.01, joint="prismatic") for n in ("left", "right"))
+    box = slcp.Body("box", 1.0, 0.01, joint="free")
+    shapes = (
+        slcp.Shape("ground", None, "halfplane", angle=up),
+        slcp.Shape("left", "left", "disc", 0.05),
+        slcp.Shape("right", "right", "disc", 0.05),
+        slcp.Shape("box", "box", "rectangle", (0.1, 0.1), corner_radius=0.01),
+    )
+    pairs = (("ground", "box"), ("left", "box"), ("right", "box"))
+    names = ("left.shift", "right.shift")
+    tendons = (
+        slcp.Tendon("a", names[:1], (1.0,), 300.0, 5.0, force_limit=20.0),
+        slcp.Tendon("b", names[1:], (1.0,), 300.0, 5.0, length=0.1, force_limit=6.0),
+        slcp.Tendon("c", names, (1.0, -0.7), 100.0, 2.0, force_limit=3.0),
+        slcp.Tendon("d", names, (0.5, 0.5), 50.0, 1.0),
+    )
+    scene = slcp.Scene(
+        "gripper",
+        (*fingers, box),
+        shapes,
+        tuple(slcp.Contact(a, b, 0.6) for a, b in pairs),
+        actuators=tuple(slcp.Actuator(tendon=t, gear=300.0) for t in ("a", "b", "c")),
+        tendons=tendons,
+        initial_state={"left.shift": -0.16, "right.shift": 0.16, "box.y": 0.1},
+        sigma=0.02,
+        step_size=0.005,
+    )
+    return slcp.Simulator(scene, options, dtype="float64")
+
+
+ALL = [slcp.Options("rem-logistic"), slcp.Options("hard"), slcp.Options("hard", friction="coulomb")]
+
+
+def states(sim, worlds, seed):
+    rng = np.random.default_rng(seed)
+    x = sim.scene.x0 + rng.normal(size=(worlds, sim.nx)) * np.repeat([0.01, 0.5], sim.scene.nv)
+    return x, rng.uniform(-0.2, 0.2, (worlds, sim.nu))
+
+
+@pytest.mark.parametrize("options", ALL, ids=str)
+def test_derivatives_are_differences_whatever_yields(options):
+    sim = gripper(options)
+    x, u = states(sim, 24, 3)
+    lin = sim.linearize(x, u)
+    e, good = 1e-6, np.ones(len(x), bool)
+    columns = []
+    for j in range(sim.nx + sim.nu):
+        move = np.zeros(sim.nx + sim.nu)
+        move[j] = e
+        sides = [sim.step(x + s * move[: sim.nx], u + s * move[sim.nx :]) for s in (1.0, -1.0, 0.5, -0.5)]
+        wide, close = ((a.state - b.state) / d for a, b, d in ((*sides[:2], 2 * e), (*sides[2:], e)))
+        good &= np.abs(wide - close).max(1) < 1e-4 * (1.0 + np.abs(wide).max(1))
+        columns.append(wide)
+    found = np.concatenate([lin.A, lin.B], 2)
+    expected = np.stack(columns, 2)
+    size = np.abs(expected).max((1, 2))
+    good &= np.asarray(lin.status) == 0
+    assert good.sum() >= 16  # the others have a kink there
+    assert (np.abs(found - expected).max((1, 2)) / size)[good].max() < 1e-5
+    assert (np.abs(lin.B).max(1) == 0.0).any() and (np.abs(lin.B).max(1) > 0.0).any()
+
+
+def differences(value, size, e=1e-6):
+    """Central differences of value(e) and by how much a longer step has others."""
+    wide, close = ((value(d) - value(-d)) / (2.0 * d) for d in (e * size, 0.5 * e * size))
+    return wide, np.abs(wide - close)
+
+
+@pytest.mark.parametrize("options", ALL[:2], ids=str)
+def test_gradients_by_every_number_of_the_tendons(options):
+    sim = gripper(options)
+    x, u = states(sim, 24, 4)
+    us, worlds = np.repeat(u[:, None], 3, 1), 24
+    names = [n for n in sim.params.names if n.startswith("tendon_")] + ["gear", "step_size"]
+    weight = np.random.default_rng(0).normal(size=(worlds, 4, sim.nx))
+    found = slcp.vjp(sim, x, us, weight, parameters=tuple(names))
+    solved = np.asarray(sim.rollout(x, us).status) == 0
+    compared = 0
+    for name in names:
+        base = np.broadcast_to(sim.params[name], (worlds, *sim.params[name].shape))
+        exact = found.parameters[name].reshape(worlds, -1)
+        for k in range(exact.shape[1]):
+            if name == "tendon_force_limit" and k == 3:
+                continue  # it has none
+
+            def value(e, name=name, k=k, base=base):
+                moved = base.reshape(worlds, -1).copy()
+                moved[:, k] += e
+                run = sim.rollout(x, us, sim.params.replace(**{name: moved.reshape(base.shape)}))
+                return np.sum(weight * run.states, (1, 2))
+
+            tried, apart = differences(value, np.abs(base.reshape(worlds, -1)[0, k]) + 1e-3)
+            size = np.abs(tried) + np.abs(exact[:, k]) + 1e-4
+            good = solved & (apart < 1e-4 * size)
+            assert good.sum() >= 14
+            assert (np.abs(exact[:, k] - tried) / size)[good].max() < 1e-3, name
+            compared += int((np.abs(tried[good]) > 1e-4).sum())
+    assert compared > 150
+    assert (np.abs(found.parameters["tendon_force_limit"][:, :3]) > 0.0).any(0).all()
+
+
+def test_second_derivatives_are_differences_of_first_ones():
+    sim = gripper(slcp.Options("rem-logistic"))
+    x, u = states(sim, 16, 5)
+    weight = np.random.default_rng(1).normal(size=x.shape)
+    exact, status = slcp.weighted_hessian(sim, x, u, weight)
+    z = np.concatenate([x, u], 1)
+
+    def slopes(moved):
+        lin = sim.linearize(moved[:, : sim.nx], moved[:, sim.nx :])
+        return np.einsum("bi,bij->bj", weight, np.concatenate([lin.A, lin.B], 2))
+
+    tried, good = np.zeros_like(exact), np.asarray(status) == 0
+    unsure = np.zeros(len(x))
+    for j, unit in enumerate(np.eye(z.shape[1])):
+        tried[:, :, j], apart = differences(lambda e, unit=unit: slopes(z + e * unit), 1.0)
+        unsure = np.maximum(unsure, apart.max(1))
+    size = np.abs(tried).max((1, 2)) + 1e-3
+    good &= unsure < 1e-3 * size
+    assert good.sum() >= 8
+    assert (np.abs(exact - tried).max((1, 2)) < 1e-5 * size + 3.0 * unsure)[good].all()
+    assert np.abs(exact[good][:, -3:]).max((1, 2)).min() == 0.0 < np.abs(exact[good][:, -3:]).max()
+
+
+@pytest.mark.parametrize("scene", [0, 1, 2])
+def test_random_mechanisms_hold_by_the_oracle(scene):
+    """Bodies, contacts and limits that nobody chose; the judge shares no code with the kernels."""
+    task = Task(1, scene, "generic", residuals=("hard", "rem-logistic"), per_chunk=12, part="limits")
+    made = task.make_scene()
+    worlds, us = task.worlds(0, made), task.controls(0, made)
+    sim = slcp.Simulator(made, slcp.Options("hard"), dtype="float64", strategy="generic")
+    run = roll(sim, worlds, us)
+    pulls, limit = asked(made, worlds, run.states[:, 1]), worlds.numbers["tendon_force_limit"]
+    yields = np.abs(pulls)[:, made.structure.limited] > limit[:, made.structure.limited]
+    assert yields.any() and not yields.all()
+    assert run_task(task).failures == []
+
+
+@pytest.mark.slow
+def test_derivatives_of_random_mechanisms_are_differences():
+    task = Task(1, 1, "generic", residuals=("hard",), per_chunk=24, part="limit-derivatives")
+    tally = run_task(task)
+    assert tally.failures == []
+    for what in ("derivatives", "gradients"):
+        assert sum(n for key, n in tally.counts.items() if key[-1] == f"compared {what}") >= 4
+
+
+def test_what_does_not_have_limits_says_so():
+    limited = slider()
+    with pytest.raises(slcp.StrategyError, match="force_limit of tendons is offered by the generic"):
+        slcp.Simulator(limited, strategy="specialised")
+    with pytest.raises(slcp.StrategyError, match="integrator 'leapfrog' with force_limit of tendons"):
+        slcp.Simulator(limited, slcp.Options("hard", integrator="leapfrog"))
+    with pytest.raises(slcp.SceneError, match="force_limit is -1.0; it must not be negative"):
+        slider(-1.0)
+    with pytest.raises(slcp.SceneError, match="force_limit is nan; it must be finite"):
+        slider(float("nan"))
+    sim = gripper(slcp.Options("hard"))
+    with pytest.raises(slcp.ArgumentError, match="tendon_force_limit of 'd' is 2.0; it was built w"):
+        sim.params.replace(tendon_force_limit=[1.0, 1.0, 1.0, 2.0])
+    assert "force limit" in str(sim.scene)
