@@ -55,6 +55,7 @@ class Topology:
     springs: int
     tendons: int
     limited: int  # of them, whose force has a limit
+    width: int  # numbers of a world's parameters
     rotors: int  # dofs with an inertia of their own (armature)
     bounces: int  # 1: pairs have a restitution
     overlaps: int  # 1: they leave by no more than a speed, and may stay
@@ -214,7 +215,7 @@ def make_topology(
     out.items, out.planes = (sizes.items, sizes.planes) if items_first(s) else (0, 0)
     out.pair_bits = bits_of(len(s.pairs))
     out.sprung, out.springs, out.tendons = len(s.sprung), len(s.springs), len(s.tendons)
-    out.rotors, out.limited = len(s.armature), len(s.limited)
+    out.rotors, out.limited, out.width = len(s.armature), len(s.limited), sizes.numbers
     out.bounces = int(s.bounces)
     out.inertia_scaling, out.coulomb, out.leapfrog = int(inertia_scaling), int(coulomb), int(leapfrog)
     out.overlaps, out.depenetration_speed = int(speed is not None), speed or 0.0

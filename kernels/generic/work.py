@@ -31,7 +31,7 @@ Lanes = wp.types.vector(LANES, WORK)
 class Slot:
     """The workspace of one world."""
 
-    numbers: wp.array(dtype=WORK)  # the parameters
+    numbers: wp.array(dtype=WORK)  # the parameters; behind them what `motion/tendons.py` keeps
     q: wp.array(dtype=WORK)  # (nv) by dof
     v0: wp.array(dtype=WORK)  # (nv) by dof, v before the step
     frame: wp.array(dtype=V4)  # (nb) cos, sin, x, y of every body
@@ -96,10 +96,6 @@ class Slot:
     apart: wp.array(dtype=WORK)  # (nr) the gap that these have
     fixed: wp.array(dtype=wp.int32)  # (nr) not 0: what its row holds does not change with it (`overlaps.py`)
     beside: wp.array(dtype=WORK)  # (pairs) added to d/h in a try beside the data
-    yields: wp.array(dtype=wp.int32)  # (tendons) -1, 1: its force is the limit, to that side; 0: below it
-    pulled: wp.array(dtype=WORK)  # (tendons) what controls pull at it
-    bare_mass: wp.array(dtype=M33)  # M and the forces without tendons that have a limit
-    bare_move: wp.array(dtype=V3)
     near: wp.array(dtype=wp.int32)  # (pairs) list of the near pairs, ascending
     count: wp.array(dtype=wp.int32)
     group: wp.array(dtype=wp.int32)  # (groups + 1) first rows of groups, which share their blocks
@@ -253,10 +249,6 @@ def view(work: wp.ref[Work], b: int):
     k.mode = work.mode[b]
     k.inverse = work.inverse[b]
     k.aimed = work.aimed[b]
-    k.yields = work.yields[b]
-    k.pulled = work.pulled[b]
-    k.bare_mass = work.bare_mass[b]
-    k.bare_move = work.bare_move[b]
     view_rows(k, work, b)
     return k
 
@@ -272,7 +264,9 @@ def lengths(s: Structure) -> dict[str, int]:
     """Items of every workspace of a structure."""
     sizes = tables(s)[1]
     pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
-    out = dict.fromkeys(("frame", "twist"), s.nb) | {"numbers": sizes.numbers, "count": SETTLED + 1}
+    out = dict.fromkeys(("frame", "twist"), s.nb) | {"count": SETTLED + 1}
+    kept = 1 + 2 * len(s.tendons) + 9 * sizes.mass + 3 * sizes.blocks if s.limited else 0
+    out |= {"numbers": sizes.numbers + kept}
     out |= dict.fromkeys(("q", "v0", "column"), s.nv) | {"shape": 2 * shapes}
     matrices = dict.fromkeys(("mass", "mass_factor"), sizes.mass) | {"jac": sizes.entries}
     matrices |= dict.fromkeys(("factor", "upper"), sizes.matrix)
@@ -282,8 +276,6 @@ def lengths(s: Structure) -> dict[str, int]:
     out |= dict.fromkeys(("entry", "group"), s.nr + 1) | {"vfree": 2 * sizes.blocks}
     out |= dict.fromkeys(("normal", "known", "near", "beside"), pairs) | {"link": 2 * pairs}
     out["bounce"] = pairs if s.bounces else 0
-    out |= dict.fromkeys(("yields", "pulled"), len(s.tendons) if s.limited else 0)
-    out |= {"bare_mass": sizes.mass if s.limited else 0, "bare_move": sizes.blocks if s.limited else 0}
     out |= dict.fromkeys(("stays", "apart", "fixed"), s.nr)
     out |= dict.fromkeys(("island", "queue"), units)
     out |= dict.fromkeys(("item_order", "item_low"), sizes.items) | {"disc": 2 * sizes.items}

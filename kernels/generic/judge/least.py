@@ -14,6 +14,7 @@ from ..newton import GIVEN, SUMMED, make_newton
 from ..topology import Topology
 from ..work import V3, WORK, Island, Slot
 from .earned import ROUNDED, make_earned
+from .scales import gather
 
 EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # what is good enough of a row relative to its own terms
 EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
@@ -34,7 +35,7 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
     ROUND, ENOUGH, EXACT = dtype(GIVEN[given]), dtype(SUMMED[given]), dtype(EARNED[given])
     close = EXCHANGED[given] + (0.0 if hard else GIVEN[given])
     CLOSE, FURTHER, LOST = dtype(close), dtype(close / ROUNDED), nt.LOST
-    MORE, SHUT = dtype(GROWN), dtype(PRESSED)
+    MORE, SHUT, TINY = dtype(GROWN), dtype(PRESSED), dtype(1e-30)
 
     @wp.func
     def see_all(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -93,15 +94,60 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
             change += wp.dot(wp.abs(k.jac[k.entry[r] + e]), wp.cw_div(k.move[b], mass))
         return change
 
+    @wp.func(inline=False)
+    def answer(t: wp.ref[Topology], k: wp.ref[Slot], first: int, end: int, pattern: int, u: int):
+        """What an impulse of one at the entries of a row in unit u, from `first` on, changes of its velocity
+        there.
+        """
+        gather(t, k, first, end, pattern, u)
+        start = t.unit_start[u]
+        last = t.unit_start[u + 1]
+        nt.env.forward(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, last)
+        part = dtype(0.0)
+        for j in range(start, last):
+            part += wp.dot(k.move[j], k.move[j])
+        return part
+
+    @wp.func(inline=False)
+    def stops(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """The largest impulse that row r stops one of its sides by, as v_free has that by itself: what is
+        heavy brings its weight to what is light. In k.move.
+        """
+        other = partner(t, k, r)
+        shift = k.entry[other] - k.entry[r]
+        most = dtype(0.0)
+        e = k.entry[r]
+        at = k.pattern[r]
+        end = k.entry[r + 1]
+        while e < end:
+            u = t.block_unit[t.row_block[at]]
+            part = answer(t, k, e, end, at, u)
+            if other != r:
+                part = wp.max(part, answer(t, k, e + shift, end + shift, at, u))
+            terms = dtype(0.0)
+            more = int(1)
+            while more == 1:
+                terms += wp.dot(wp.abs(k.jac[e]), wp.abs(k.vfree[t.row_block[at]]))
+                e += 1
+                at += 1
+                more = int(0)
+                if e < end:
+                    more = wp.where(t.block_unit[t.row_block[at]] == u, 1, 0)
+            if part > TINY:
+                most = wp.max(most, terms / part)
+        return most
+
     @wp.func
     def brought(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """The largest impulse that makes a pressing row's own terms; of a contact's two rows that which
-        answers more: the other may all but jam. What a row moves elsewhere is no measure of it.
+        """The largest impulse that makes a pressing row's own terms, or stops a side of it; of a contact's
+        two rows that which answers more: the other may all but jam. What a row moves elsewhere is no measure
+        of it. In k.move.
         """
         most = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0 and k.lam[r] > ZERO:
                 most = wp.max(most, k.own[r] / wp.max(k.diag[r], k.diag[partner(t, k, r)]))
+                most = wp.max(most, stops(t, k, r))
         return most
 
     @wp.func(inline=False)
@@ -133,11 +179,13 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
                 least_pressed(t, k, o)
             elif held.least(t, k, o) == 0:
                 return 0
+        most = dtype(0.0)  # what M dv = J' lambda may miss of more is beyond what momenta are judged by
+        if wp.static(hard and given is wp.float32):
+            most = brought(t, k, o)
         for place in range(o.start, o.end):
             i = k.block[place]
             k.move[i] = V3()
             k.best_v[i] = V3()
-        most = brought(t, k, o)  # what M dv = J' lambda may miss of more is beyond what momenta are judged by
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 least = k.least[r]

@@ -2,7 +2,9 @@
 
 The force along a tendon with a limit, springs, dampers and controls together, is that of the end of the step,
 f = pull - k (c.(q + h/2 (v' - v)) - L) - d c.v', while this is at most the limit to either side, and else the
-limit, by which M has nothing of it. Which of the three it is (k.yields) is found with v', (M64).
+limit, by which M has nothing of it. Which of the three it is (it yields to one side, -1 or 1, or 0, not) is
+found with v', (M64). Behind the parameters in k.numbers are, of every tendon, which it is and what controls
+pull, how often that was looked at, then M and the forces without the tendons that have a limit.
 """
 
 from types import SimpleNamespace
@@ -16,17 +18,17 @@ from ..work import WORK, Slot
 from .free_motion import make_free_motion
 from .mechanism import COLUMN, make_mechanism
 
-TOGETHER, MOST = 8, 64  # looks in which all tendons change at once; then one does, up to so many
+TOGETHER, MOST = 8.0, 64.0  # looks in which all tendons change at once; then one does, up to so many
 ROUNDING = 1e-9  # of a force's own terms, by which it may be beyond the limit and is not
 
 
 @cached
 def make_tendons(given: type) -> SimpleNamespace:
     """act(t, k): forces of tendons without a limit, and what they add to M. control_force(t, k, i, u): of an
-    actuator. With limits: loosen(t, k) -> 1 if what yields by the motion without contact was found, before a
-    step is solved; after it changed(t, k, look) -> 1 if other ones yield at k.v, by which M and forces are
-    again, -1 if too many looks did not settle it; tense(t, k): what those that have a limit do by k.yields;
-    is_steady(t, k, i).
+    actuator. With limits: loosen(t, k), before a step is solved, finds what yields by the motion without
+    contact; after it settle(t, k, 0) -> 1 if other ones yield at k.v, by which M and forces are again;
+    is_settled(t, k) -> 0 if too many looks were not enough. tense(t, k): what those that have a limit do;
+    yields(t, k, i), and is_steady(t, k, i), whether that is not 0.
     """
     dtype = WORK
     mech, motion = make_mechanism(given), make_free_motion(given)
@@ -37,12 +39,21 @@ def make_tendons(given: type) -> SimpleNamespace:
     ZERO, ONE, PART = dtype(0.0), dtype(1.0), dtype(SHARE)
 
     @wp.func
+    def yields(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
+        """Which of the three tendon i is."""
+        return k.numbers[t.width + i]
+
+    @wp.func
+    def pulled(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
+        return k.numbers[t.width + t.tendons + i]
+
+    @wp.func
     def pull(t: wp.ref[Topology], k: wp.ref[Slot], i: int, force: dtype):
         """Add the generalised force of one along tendon i."""
         for at in range(t.tendon_start[i], t.tendon_start[i + 1]):
             add_force(t, k, t.tendon_dof[at], number(t, k, SHARE_OF, at) * force)
 
-    @wp.func(inline=False)
+    @wp.func
     def stretch(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
         """Add the force of tendon i, and h C and h^2/2 K of it."""
         h = number(t, k, H, 0)
@@ -66,49 +77,67 @@ def make_tendons(given: type) -> SimpleNamespace:
                     own = share * number(t, k, SHARE_OF, by)
                     add_mass(t, k, t.tendon_dof[at], t.tendon_dof[by], own)
 
-    @wp.func
+    @wp.func(inline=False)
     def act(t: wp.ref[Topology], k: wp.ref[Slot]):
         for i in range(t.tendons):
             if t.tendon_limited[i] == 0:
                 stretch(t, k, i)
             else:
-                k.pulled[i] = ZERO
+                k.numbers[t.width + t.tendons + i] = ZERO
 
     @wp.func
     def is_steady(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
         """Whether the force of tendon i is its limit, whatever moves or pulls it a little."""
-        return t.tendon_limited[i] == 1 and k.yields[i] != 0
+        return t.tendon_limited[i] == 1 and yields(t, k, i) != ZERO
+
+    @wp.func
+    def pull_on(t: wp.ref[Topology], k: wp.ref[Slot], tendon: int, push: dtype):
+        """Add the force of an actuator of a tendon; where it has a limit, to what is pulled there."""
+        if t.tendon_limited[tendon] == 0:
+            pull(t, k, tendon, push)
+        else:
+            k.numbers[t.width + t.tendons + tendon] = pulled(t, k, tendon) + push
 
     @wp.func
     def control_force(t: wp.ref[Topology], k: wp.ref[Slot], i: int, u: dtype):
-        """Add the force of actuator i; at a tendon with a limit, to what is pulled there."""
-        push = number(t, k, GEAR, i) * u
+        """Add the force of actuator i."""
         if t.actuator[i] >= 0:
-            add_force(t, k, t.actuator[i], push)
+            add_force(t, k, t.actuator[i], number(t, k, GEAR, i) * u)
         else:
-            tendon = -1 - t.actuator[i]
-            if t.tendon_limited[tendon] == 0:
-                pull(t, k, tendon, push)
-            else:
-                k.pulled[tendon] = k.pulled[tendon] + push
+            pull_on(t, k, -1 - t.actuator[i], number(t, k, GEAR, i) * u)
 
     @wp.func(inline=False)
     def tense(t: wp.ref[Topology], k: wp.ref[Slot]):
         for i in range(t.tendons):
             if t.tendon_limited[i] == 1:
-                if k.yields[i] == 0:
+                if yields(t, k, i) == ZERO:
                     stretch(t, k, i)
-                    pull(t, k, i, k.pulled[i])
+                    pull(t, k, i, pulled(t, k, i))
                 else:
-                    pull(t, k, i, dtype(k.yields[i]) * number(t, k, LIMIT, i))
+                    pull(t, k, i, yields(t, k, i) * number(t, k, LIMIT, i))
 
     @wp.func(inline=False)
+    def hold(t: wp.ref[Topology], k: wp.ref[Slot], back: int):
+        """Keep M and the forces as they are; or have them back as they were kept."""
+        at = t.width + 2 * t.tendons + 1
+        for i in range(k.mass.shape[0]):
+            for n in range(9):
+                if back == 1:
+                    k.mass[i][n // 3, n % 3] = k.numbers[at + 9 * i + n]
+                else:
+                    k.numbers[at + 9 * i + n] = k.mass[i][n // 3, n % 3]
+        at += 9 * k.mass.shape[0]
+        for i in range(t.blocks):
+            for n in range(3):
+                if back == 1:
+                    k.move[i][n] = k.numbers[at + 3 * i + n]
+                else:
+                    k.numbers[at + 3 * i + n] = k.move[i][n]
+
+    @wp.func
     def again(t: wp.ref[Topology], k: wp.ref[Slot]):
         """M and the forces by what yields now."""
-        for i in range(k.mass.shape[0]):
-            k.mass[i] = k.bare_mass[i]
-        for i in range(t.blocks):
-            k.move[i] = k.bare_move[i]
+        hold(t, k, 1)
         tense(t, k)
 
     @wp.func(inline=False)
@@ -121,8 +150,8 @@ def make_tendons(given: type) -> SimpleNamespace:
         damping = number(t, k, SLOWING, i)
         late = wp.where(t.implicit_stiffness == 1 and stiffness > ZERO, PART * h, ZERO)
         new = wp.where(t.implicit_damping == 1, ONE, ZERO)
-        force = k.pulled[i] + stiffness * number(t, k, SLACK, i)
-        size = wp.abs(k.pulled[i]) + wp.abs(stiffness * number(t, k, SLACK, i))
+        force = pulled(t, k, i) + stiffness * number(t, k, SLACK, i)
+        size = wp.abs(pulled(t, k, i)) + wp.abs(stiffness * number(t, k, SLACK, i))
         for at in range(t.tendon_start[i], t.tendon_start[i + 1]):
             j = t.tendon_dof[at]
             share = number(t, k, SHARE_OF, at)
@@ -135,52 +164,53 @@ def make_tendons(given: type) -> SimpleNamespace:
         most = number(t, k, LIMIT, i)
         rounding = dtype(ROUNDING) * (size + most)
         if wp.abs(wp.abs(force) - most) <= rounding:
-            if k.yields[i] == 0 or force * dtype(k.yields[i]) > ZERO:
-                return k.yields[i]
+            if yields(t, k, i) == ZERO or force * yields(t, k, i) > ZERO:
+                return yields(t, k, i)
         if wp.abs(force) <= most:
-            return int(0)
-        return wp.where(force > ZERO, 1, -1)
+            return ZERO
+        return wp.where(force > ZERO, ONE, -ONE)
 
     @wp.func(inline=False)
-    def changed(t: wp.ref[Topology], k: wp.ref[Slot], look: int):
+    def settle(t: wp.ref[Topology], k: wp.ref[Slot], free: int):
+        """`free`: at the velocity without contact, in k.vfree."""
+        if free == 1:
+            for i in range(t.blocks):
+                k.v[i] = k.vfree[i]
+        at = t.width + 2 * t.tendons
         out = int(0)
         for i in range(t.tendons):
-            if t.tendon_limited[i] == 1 and (out == 0 or look < TOGETHER):
+            if t.tendon_limited[i] == 1 and (out == 0 or k.numbers[at] < dtype(TOGETHER)):
                 found = side(t, k, i)
-                if found != k.yields[i]:
-                    k.yields[i] = found
+                if found != yields(t, k, i):
+                    k.numbers[t.width + i] = found
                     out = int(1)
-        if out == 1:
-            if look >= MOST:
-                return int(-1)
-            again(t, k)
-        return out
+        again(t, k)
+        k.numbers[at] = k.numbers[at] + ONE
+        return wp.where(k.numbers[at] < dtype(MOST), out, 0)
+
+    @wp.func
+    def is_settled(t: wp.ref[Topology], k: wp.ref[Slot]):
+        return wp.where(k.numbers[t.width + 2 * t.tendons] < dtype(MOST), 1, 0)
 
     @wp.func(inline=False)
     def loosen(t: wp.ref[Topology], k: wp.ref[Slot]):
-        for i in range(k.mass.shape[0]):
-            k.bare_mass[i] = k.mass[i]
-        for i in range(t.blocks):
-            k.bare_move[i] = k.move[i]
+        hold(t, k, 0)
         for i in range(t.tendons):
-            k.yields[i] = 0
+            k.numbers[t.width + i] = ZERO
+        k.numbers[t.width + 2 * t.tendons] = ZERO
         tense(t, k)
-        look = int(0)
         more = int(1)
         while more == 1:
             motion.euler(t, k)
-            for i in range(t.blocks):
-                k.v[i] = k.vfree[i]
-            more = changed(t, k, look)
-            look += 1
-        again(t, k)  # its forces, which the motion without contact made velocities of
-        return wp.where(more == 0, 1, 0)
+            more = settle(t, k, 1)
 
     return SimpleNamespace(
         act=act,
+        yields=yields,
         is_steady=is_steady,
         control_force=control_force,
         tense=tense,
         loosen=loosen,
-        changed=changed,
+        settle=settle,
+        is_settled=is_settled,
     )

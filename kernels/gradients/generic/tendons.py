@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ...generic.motion.tendons import make_tendons as make_steady
+from ...generic.motion import tendons as forward
 from ...generic.topology import Topology
 from ...generic.work import Slot
 from ...mechanism.stiff_springs import SHARE
@@ -24,7 +24,8 @@ def make_tendons(given: type, graded: bool) -> SimpleNamespace:
     """
     z = make_solved(given, graded)
     number, add = z.number, z.add
-    is_steady = make_steady(given).is_steady
+    pulling = forward.make_tendons(given)
+    is_steady, yields = pulling.is_steady, pulling.yields
     H = z.COLUMN["step_size"]
     OF_TENDON = ("stiffness", "damping", "length", "coefficient", "force_limit")
     K, DAMPING, LENGTH, COEFFICIENT, LIMIT = (z.COLUMN[f"tendon_{n}"] for n in OF_TENDON)
@@ -52,8 +53,8 @@ def make_tendons(given: type, graded: bool) -> SimpleNamespace:
         """Of a force at its limit: -h (c.P) of it."""
         h = number(t, k, H, 0)
         p = felt(t, k, w, i)
-        force = wp.float64(k.yields[i]) * number(t, k, LIMIT, i)
-        add(t, w, LIMIT, i, -h * wp.float64(k.yields[i]) * p)
+        force = yields(t, k, i) * number(t, k, LIMIT, i)
+        add(t, w, LIMIT, i, -h * yields(t, k, i) * p)
         add(t, w, H, 0, -force * p)
         pulled(t, k, w, i, -h * force)
 
