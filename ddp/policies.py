@@ -67,6 +67,8 @@ class TrackingPolicy:
         period: (nx,) as in `Scene.state_period`; None: that of the scene that it is followed in.
         control_limits: as of a `Problem`; None: `lower` and `upper` of the result where it has them.
         step_size: of the plan [s]; None: that of the result's simulator, where it has one.
+        gain: K times that. A plan's gains know neither noise nor delay: where these shake it, less may do
+            better, and 0 is the plan by itself.
 
     A RuntimeWarning where DDP ended without gains to rely on: at what is no minimum.
     """
@@ -80,6 +82,7 @@ class TrackingPolicy:
         period: np.ndarray | None = None,
         control_limits: Any = None,
         step_size: float | None = None,
+        gain: float = 1.0,
     ) -> None:
         for name in ("us", "xs", "K"):
             if not isinstance(attribute(result, name), np.ndarray | wp.array):
@@ -91,6 +94,10 @@ class TrackingPolicy:
         _warn_of_gains(result)
         single = result.us.ndim == 2
         self.us, self.xs, self.K = (a[None] if single else a for a in (result.us, result.xs, result.K))
+        if number("gain", gain, 0.0) != 1.0:
+            if isinstance(self.K, wp.array):
+                raise ArgumentError(f"gain is {gain}; of gains that are Warp arrays 1 is needed")
+            self.K = gain * self.K
         self.early = whole("result.delay", attribute(result, "delay") or 0, 0, self.us.shape[1] - 1)
         if self.early:
             self.us, self.K = self.us[:, self.early :], self.K[:, self.early :]

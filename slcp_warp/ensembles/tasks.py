@@ -28,6 +28,7 @@ from .statistics.source import NOTED
 from .worlds import Worlds
 from .worlds.between import between, observed, steps_of
 from .worlds.draws import Draws, Given, draws_of_task
+from .worlds.loud import warn_of_noise
 
 ALONE = "policy"  # name of a policy that has none
 
@@ -98,6 +99,8 @@ class TaskSweep:
             label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
             for label, options in self.cases.items()
         }
+        for name, policy in self.policies.items():
+            warn_of_noise(name, policy_of(task, policy), task)
         if isinstance(policies, Mapping):
             _check_kernels(task, self.policies, next(iter(self.simulators.values())), sizes[0])
         self.record = Recorded.of(task.scene, record, record_every, task.duration)

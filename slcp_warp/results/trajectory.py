@@ -28,6 +28,7 @@ from .records import Record, read_record
 from .simulated import Simulated
 from .statuses import statuses
 from .step import contact_impulse
+from .turning import turned
 from .worlds import columns, pair_gap, selected, some_worlds
 
 RECORDED = ("controls", "impulse", "gap")
@@ -344,7 +345,10 @@ class Trajectory(Printed):
         of = "" if self.simulated is None else f" of {self.step_size:g} s"
         more = ", ".join(name for name in RECORDED if getattr(self, name) is not None)
         recorded = f"; recorded: {more}" if more else ""
-        return f"{known}{counted(len(self), 'world')}, {steps} steps{of}: {statuses(self.status)}{recorded}"
+        line = f"{known}{counted(len(self), 'world')}, {steps} steps{of}: {statuses(self.status)}{recorded}"
+        if self.simulated is None or not len(self):
+            return line
+        return line + turned(self.scene, self.recorded("states"), self.params["step_size"])
 
     def _tables(self) -> list[Table]:
         if self.simulated is None or not len(self):

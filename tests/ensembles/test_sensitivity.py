@@ -8,6 +8,7 @@ from scipy import stats
 
 import slcp_warp as slcp
 from slcp_warp.ensembles.statistics.given_data import first_order
+from slcp_warp.ensembles.statistics.sensitivity import Sensitivity
 from slcp_warp.ensembles.statistics.sobol import sobol_indices
 from slcp_warp.ensembles.statistics.source import MemorySource
 
@@ -207,3 +208,15 @@ def test_what_cannot_be_answered_is_refused(tmp_path):
     bare.add(KEY, {"world": np.arange(9), "success": np.ones(9, bool), "status": np.zeros(9, int)})
     with pytest.raises(slcp.InputError, match="no columns drawn_"):
         slcp.Report(None, bare).sensitivity()
+
+
+def test_shares_beyond_one_are_said_to_be_none():
+    """One world in 256 makes all the variance: whose number it was, so few samples cannot tell."""
+    rng = np.random.default_rng(3)
+    a, b = rng.standard_normal((2, 256))
+    ab = np.stack([np.where(np.arange(256) == 7, 1e4, a), a])
+    found = sobol_indices(a, b, ab)
+    told = Sensitivity("x", "p", ("one", "two"), found.first, found.total, 1024)
+    assert found.total[0][0] > 10.0 and "shares beyond 1 are none" in str(told)
+    fine = sobol_indices(a, b, np.stack([b, a]))
+    assert "beyond 1" not in str(Sensitivity("x", "p", ("one", "two"), fine.first, fine.total, 1024))

@@ -62,6 +62,10 @@ def test_the_least_force_is_that_of_the_heaviest_worlds_that_count(device):
     assert found.first.numbers == {"force": 20.5} and found.first.success[0] == 1.0
     assert found.better[0] == pytest.approx(share - 1.0) and found.best.value[0] == found.numbers["force"]
     np.testing.assert_array_equal(found.policy.us, push(found.numbers["force"]).us)
+    assert found.share == 0.9 and "are not kept" not in " ".join(str(found).split())
+    flattered = replace(found, best=replace(found.best, success=(0.85, 0.82, 0.88)))
+    told = " ".join(str(flattered).split())
+    assert "; 90 % are not kept in worlds that the search has not seen" in told
 
 
 def test_the_force_that_reaches_a_mark_most_often(device):

@@ -146,3 +146,19 @@ def test_a_warm_start_that_is_no_number_does_no_harm(device):
     step = simulated.step(WORLDS, warm_start=warm)
     assert (step.status == 0).all()
     np.testing.assert_allclose(step.state, simulated.step(WORLDS).state, atol=1e-10)
+
+
+def test_what_turns_by_more_than_a_radian_a_step_is_said():
+    """A torque in the wrong unit: velocities of a step's two ends have nothing to do with each other."""
+    arm = slcp.Scene(
+        "arm",
+        (slcp.Body("arm", 1.0, 0.01), slcp.Body("rail", 1.0, 0.01, joint="prismatic")),
+        actuators=(slcp.Actuator("arm"), slcp.Actuator("rail")),
+        step_size=0.01,
+    )
+    sim = slcp.Simulator(arm, dtype="float64")
+    us = np.zeros((2, 60, 2))
+    us[1] = [10.0, 1e5]
+    fast = sim.rollout(np.zeros((2, 4)), us)
+    assert "arm.angle turns by up to 6 rad a step: beyond 1 steps give" in str(fast)
+    assert "a step:" not in str(fast[0]) and "a step:" in str(fast[1])

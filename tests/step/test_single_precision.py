@@ -75,6 +75,24 @@ def test_tall_stacks_hold_under_coulombs_friction():
     assert (~solved).sum() <= 1
 
 
+@pytest.mark.parametrize("law", ["hard", "coulomb"])
+def test_a_weight_of_a_million_rests_on_one_of_one(law):
+    """What the lower box passes on is a million times what it does by itself, and all of it what the upper
+    one brings: from 1e5 on such worlds were NOT_CONVERGED.
+    """
+    scene = slcp.scenes.stack(2, friction=0.5)
+    sim = simulator(scene, law)
+    heavy = np.array([1.0, 1e3, 1e5, 1e6, 1e8])
+    mass = np.stack([np.ones(5), heavy], 1)
+    params = sim.params.replace(mass=mass, inertia=mass * sim.params["inertia"])
+    run = sim.rollout(np.tile(scene.x0, (5, 1)), steps=20, params=params, record=("impulse",))
+    assert run.status.tolist() == [slcp.Status.SOLVED] * 5
+    assert np.abs(run.states[:, -1, : scene.nv] - scene.x0[: scene.nv]).max() < 1e-6
+    weight = mass.sum(1) * 9.81 * scene.step_size
+    pressed = run.impulse[:, -1, [i for i, n in enumerate(scene.row_names) if "ground" in n]].sum(1)
+    np.testing.assert_allclose(pressed, weight, rtol=2e-5)
+
+
 def test_a_push_that_passes_by_a_wrist():
     """A peg's corner slides on a rounded edge, whose push leads past the axis of a wrist on rail and lift:
     its torque is a difference of two that are hundreds of times as large, and rounds by more than a hundred

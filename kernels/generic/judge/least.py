@@ -10,11 +10,11 @@ import warp as wp
 
 from ...factories import cached
 from ..linear.held import make_held
+from ..motion.mechanism import COLUMN, make_mechanism
 from ..newton import GIVEN, SUMMED, make_newton
 from ..topology import Topology
 from ..work import V3, WORK, Island, Slot
 from .earned import ROUNDED, make_earned
-from .scales import gather
 
 EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # what is good enough of a row relative to its own terms
 EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
@@ -29,6 +29,7 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
     nt = make_newton(given, residual)
     earned = make_earned(given, residual)
     partner, is_open = earned.partner, earned.is_open
+    mech, MASS = make_mechanism(given), COLUMN["mass"]
     hard = residual == "hard"
     held = None if hard else make_held(given, residual)
     ZERO, ONE = dtype(0.0), dtype(1.0)
@@ -94,60 +95,34 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
             change += wp.dot(wp.abs(k.jac[k.entry[r] + e]), wp.cw_div(k.move[b], mass))
         return change
 
-    @wp.func(inline=False)
-    def answer(t: wp.ref[Topology], k: wp.ref[Slot], first: int, end: int, pattern: int, u: int):
-        """What an impulse of one at the entries of a row in unit u, from `first` on, changes of its velocity
-        there.
+    @wp.func
+    def weight(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """The largest impulse that row r stops a free body by, as v_free has it: what is heavy brings its
+        weight to what is light. Of what hangs in joints that is no measure: these may all but hold it.
         """
-        gather(t, k, first, end, pattern, u)
-        start = t.unit_start[u]
-        last = t.unit_start[u + 1]
-        nt.env.forward(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, last)
-        part = dtype(0.0)
-        for j in range(start, last):
-            part += wp.dot(k.move[j], k.move[j])
-        return part
-
-    @wp.func(inline=False)
-    def stops(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
-        """The largest impulse that row r stops one of its sides by, as v_free has that by itself: what is
-        heavy brings its weight to what is light. In k.move.
-        """
-        other = partner(t, k, r)
-        shift = k.entry[other] - k.entry[r]
         most = dtype(0.0)
-        e = k.entry[r]
-        at = k.pattern[r]
-        end = k.entry[r + 1]
-        while e < end:
-            u = t.block_unit[t.row_block[at]]
-            part = answer(t, k, e, end, at, u)
-            if other != r:
-                part = wp.max(part, answer(t, k, e + shift, end + shift, at, u))
-            terms = dtype(0.0)
-            more = int(1)
-            while more == 1:
-                terms += wp.dot(wp.abs(k.jac[e]), wp.abs(k.vfree[t.row_block[at]]))
-                e += 1
-                at += 1
-                more = int(0)
-                if e < end:
-                    more = wp.where(t.block_unit[t.row_block[at]] == u, 1, 0)
-            if part > TINY:
-                most = wp.max(most, terms / part)
+        for e in range(k.entry[r + 1] - k.entry[r]):
+            b = t.row_block[k.pattern[r] + e]
+            body = t.dof_body[wp.max(t.block_dof[3 * b], 0)]
+            if t.free_block[body] == b:
+                j = k.jac[k.entry[r] + e]
+                v = k.vfree[b]
+                size = j[0] * j[0] + j[1] * j[1]
+                closes = wp.abs(j[0] * v[0]) + wp.abs(j[1] * v[1])
+                most = wp.max(most, mech.number(t, k, MASS, body) * closes / wp.max(size, TINY))
         return most
 
     @wp.func
     def brought(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """The largest impulse that makes a pressing row's own terms, or stops a side of it; of a contact's
-        two rows that which answers more: the other may all but jam. What a row moves elsewhere is no measure
-        of it. In k.move.
+        """The largest impulse that makes a pressing row's own terms, or stops a free body of it; of a
+        contact's two rows that which answers more: the other may all but jam. What a row moves elsewhere is
+        no measure of it.
         """
         most = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0 and k.lam[r] > ZERO:
                 most = wp.max(most, k.own[r] / wp.max(k.diag[r], k.diag[partner(t, k, r)]))
-                most = wp.max(most, stops(t, k, r))
+                most = wp.max(most, weight(t, k, r))
         return most
 
     @wp.func(inline=False)

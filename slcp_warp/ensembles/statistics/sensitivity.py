@@ -16,6 +16,7 @@ from .source import DRAWN, Key, Source
 HEAD = ("measure", "policy", "worlds", "drawn", "first", "first_low", "first_high", "total", "total_low",
         "total_high")  # fmt: skip
 NOTHING = (math.nan, math.nan, math.nan)
+BEYOND = 1.25  # a share of the variance that no noise of many worlds makes of one that is 1 at most
 NEIGHBOURS = 1e-3  # places, of all worlds, by which columns of one draw may sort one otherwise
 
 
@@ -66,6 +67,11 @@ class Sensitivity(Printed):
         few_are = f"; too few worlds {what} for some of the intervals" if few else ""
         if self.finite < 1.0:
             few_are += f"; of the {100.0 * self.finite:.3g} % of samples where {self.measure} is finite"
+        if any(v > BEYOND for v, _low, _high in (*self.first, *self.total)):
+            few_are += (
+                "; shares beyond 1 are none: a few worlds make most of the variance, and these numbers tell "
+                "little (more samples, or a measure without outliers)"
+            )
         if not any(math.isfinite(v) for v, _low, _high in (*self.first, *self.total)):
             few_are += f"; no shares: {self.measure} is the same in all worlds, or there are too few of them"
         return f"of {self.measure} under {self.policy}{case}: {counts}{few_are}"

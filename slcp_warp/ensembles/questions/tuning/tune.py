@@ -210,4 +210,5 @@ def _judged(search: Search, worlds: Worlds, ended: str) -> Tuned:
     return Tuned(
         both[1].numbers, search.candidates.policy(best.numbers), both[1], both[0], better, wanted.words(),
         wanted.name, tried, len(search.worlds), count, search.seed, ended, search.ranges.ends(best.place),
+        wanted.least,
     )  # fmt: skip

@@ -46,6 +46,7 @@ class Tuned(Printed):
         test_worlds: in which the best and the first were judged.
         seed: of all that was drawn.
         ended: why: "resolution" (all candidates of a round were nearly alike), "rounds" or "interrupted".
+        share: of success that was to be kept; None: none.
         at_end: names of the numbers that lie at an end of their range, or within a hundredth of it.
     """
 
@@ -62,6 +63,7 @@ class Tuned(Printed):
     seed: int
     ended: str
     at_end: tuple[str, ...]
+    share: float | None = None
 
     def save(self, path: str | Path) -> Path:
         """Write `tried` as .csv; replaced only once complete."""
@@ -78,6 +80,11 @@ class Tuned(Printed):
         if self.value_name is None and not self.better[1] > 0.0:
             text += (
                 f"; no better than the first, as far as these worlds tell: by {percents(self.better)} points"
+            )
+        if self.share is not None and self.best.success[2] < self.share:
+            text += (
+                f"; {100.0 * self.share:g} % are not kept in worlds that the search has not seen: in more of "
+                "its own (worlds=), or for a larger share, they are"
             )
         return text + (f"; at the end of its range: {', '.join(self.at_end)}" if self.at_end else "")
 
