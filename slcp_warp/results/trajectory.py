@@ -345,10 +345,13 @@ class Trajectory(Printed):
         of = "" if self.simulated is None else f" of {self.step_size:g} s"
         more = ", ".join(name for name in RECORDED if getattr(self, name) is not None)
         recorded = f"; recorded: {more}" if more else ""
-        line = f"{known}{counted(len(self), 'world')}, {steps} steps{of}: {statuses(self.status)}{recorded}"
+        return f"{known}{counted(len(self), 'world')}, {steps} steps{of}: {statuses(self.status)}{recorded}"
+
+    def _remarks(self) -> list[str]:
         if self.simulated is None or not len(self):
-            return line
-        return line + turned(self.scene, self.recorded("states"), self.params["step_size"])
+            return []
+        fast = turned(self.scene, self.recorded("states"), self.params["step_size"])
+        return [fast] if fast else []
 
     def _tables(self) -> list[Table]:
         if self.simulated is None or not len(self):

@@ -25,6 +25,6 @@ def turned(scene: Scene, states: np.ndarray, step_size: np.ndarray) -> str:
         return ""
     name = scene.state_names[angles[int(most.max(axis=0).argmax())] - scene.nv]
     return (
-        f"; {name} turns by up to {fastest:.3g} rad a step: beyond {FAST:g} steps give or take energy, and "
+        f"{name} turns by up to {fastest:.3g} rad a step: beyond {FAST:g} steps give or take energy, and "
         "smaller ones, or smaller forces, are needed"
     )

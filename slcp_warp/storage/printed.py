@@ -106,11 +106,15 @@ class Table:
 
 
 class Printed:
-    """Prints as one line; `str` and a notebook show its tables, too."""
+    """Prints as one line; `str` and a notebook show its remarks and tables, too."""
 
     def _line(self) -> str:
         """What it is, in a line."""
         raise NotImplementedError
+
+    def _remarks(self) -> list[str]:
+        """What has to be known of it, in whole sentences without a stop."""
+        return []
 
     def _tables(self) -> list[Table]:
         """What is in it."""
@@ -120,11 +124,14 @@ class Printed:
         return f"<{type(self).__name__} {cut(self._line(), LINE)}>"
 
     def __str__(self) -> str:
-        return "\n".join([repr(self)[1:-1], *(table.text() for table in self._tables() if table.rows)])
+        remarks = (f"  ! {remark}" for remark in self._remarks())
+        tables = (table.text() for table in self._tables() if table.rows)
+        return "\n".join([repr(self)[1:-1], *remarks, *tables])
 
     def _repr_html_(self) -> str:
         tables = (table.html() for table in self._tables() if table.rows)
-        return f"<div><p>{escape(repr(self)[1:-1])}</p>{''.join(tables)}</div>"
+        remarks = (f"<p><b>{escape(remark)}</b></p>" for remark in self._remarks())
+        return f"<div><p>{escape(repr(self)[1:-1])}</p>{''.join(remarks)}{''.join(tables)}</div>"
 
 
 class Arrays(Printed):

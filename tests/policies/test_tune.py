@@ -65,7 +65,7 @@ def test_the_least_force_is_that_of_the_heaviest_worlds_that_count(device):
     assert found.share == 0.9 and "are not kept" not in " ".join(str(found).split())
     flattered = replace(found, best=replace(found.best, success=(0.85, 0.82, 0.88)))
     told = " ".join(str(flattered).split())
-    assert "; 90 % are not kept in worlds that the search has not seen" in told
+    assert "! 90 % are not kept in worlds that the search has not seen" in told
 
 
 def test_the_force_that_reaches_a_mark_most_often(device):

@@ -67,14 +67,17 @@ class Sensitivity(Printed):
         few_are = f"; too few worlds {what} for some of the intervals" if few else ""
         if self.finite < 1.0:
             few_are += f"; of the {100.0 * self.finite:.3g} % of samples where {self.measure} is finite"
-        if any(v > BEYOND for v, _low, _high in (*self.first, *self.total)):
-            few_are += (
-                "; shares beyond 1 are none: a few worlds make most of the variance, and these numbers tell "
-                "little (more samples, or a measure without outliers)"
-            )
         if not any(math.isfinite(v) for v, _low, _high in (*self.first, *self.total)):
             few_are += f"; no shares: {self.measure} is the same in all worlds, or there are too few of them"
         return f"of {self.measure} under {self.policy}{case}: {counts}{few_are}"
+
+    def _remarks(self) -> list[str]:
+        if not any(v > BEYOND for v, _low, _high in (*self.first, *self.total)):
+            return []
+        return [
+            "shares beyond 1 are none: a few worlds make most of the variance, and these numbers tell little "
+            "(more samples, or a measure without outliers, tell more)"
+        ]
 
     def _tables(self) -> list[Table]:
         rows = [

@@ -1,4 +1,4 @@
-"""Gains that noisy sensors make too loud: the deviation of controls that they give, and what is said of it."""
+"""Gains that noisy sensors make too loud: what they make of controls, and what is said of it."""
 
 import warnings
 from types import SimpleNamespace

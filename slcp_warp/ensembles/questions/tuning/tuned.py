@@ -77,16 +77,20 @@ class Tuned(Printed):
             f"succeed, with the first numbers {percents(self.first.success)} %; {tries} in {self.worlds:,} "
             f"worlds each, ended by {self.ended}"
         )
+        return text + (f"; at the end of its range: {', '.join(self.at_end)}" if self.at_end else "")
+
+    def _remarks(self) -> list[str]:
+        out = []
         if self.value_name is None and not self.better[1] > 0.0:
-            text += (
-                f"; no better than the first, as far as these worlds tell: by {percents(self.better)} points"
+            out.append(
+                f"no better than the first, as far as these worlds tell: by {percents(self.better)} points"
             )
         if self.share is not None and self.best.success[2] < self.share:
-            text += (
-                f"; {100.0 * self.share:g} % are not kept in worlds that the search has not seen: in more of "
-                "its own (worlds=), or for a larger share, they are"
+            out.append(
+                f"{100.0 * self.share:g} % are not kept in worlds that the search has not seen: in more of its "
+                "own (worlds=), or for a larger share, they are"
             )
-        return text + (f"; at the end of its range: {', '.join(self.at_end)}" if self.at_end else "")
+        return out
 
     def _tables(self) -> list[Table]:
         both = self.first, self.best
