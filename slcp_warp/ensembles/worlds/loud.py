@@ -20,7 +20,7 @@ def noise_of_controls(policy: Any, sensor: np.ndarray) -> np.ndarray | None:
     """
     gain = attribute(policy, "K")
     gain = gain.numpy() if isinstance(gain, wp.array) else gain
-    if not isinstance(gain, np.ndarray) or gain.ndim < 2 or gain.shape[-1] != len(sensor):
+    if not isinstance(gain, np.ndarray) or gain.ndim < 2 or not gain.size or gain.shape[-1] != len(sensor):
         return None
     square = np.sum((gain * sensor) ** 2, axis=-1)
     return np.sqrt(square.reshape(-1, square.shape[-1]).mean(axis=0))

@@ -87,8 +87,8 @@ class Tuned(Printed):
             )
         if self.share is not None and self.best.success[2] < self.share:
             out.append(
-                f"{100.0 * self.share:g} % are not kept in worlds that the search has not seen: in more of its "
-                "own (worlds=), or for a larger share, they are"
+                f"{100.0 * self.share:g} % are not kept in worlds that the search has not seen: in more of "
+                "its own (worlds=), or for a larger share, they are"
             )
         return out
 
