@@ -11,6 +11,7 @@ require_installed(__name__, __path__[0])
 from . import costs, measures, policies, runs, scenes, tasks
 from .description.assemblies.brakes import brake
 from .description.assemblies.pins import pin
+from .description.assemblies.polygons import polygon, polygon_mass
 from .description.assemblies.ropes import rope
 from .description.assemblies.servos import limited_servo, servo
 from .description.mjcf import MjcfError, load_mjcf, mjcf_control_limits
@@ -127,6 +128,8 @@ __all__ = [
     "particles",
     "pin",
     "policies",
+    "polygon",
+    "polygon_mass",
     "replay",
     "residual",
     "robustness_map",
