@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 
 import slcp_warp as slcp
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
+from slcp_warp.scripts.benchmarks.fuzz.judged import judged
 from slcp_warp.scripts.benchmarks.fuzz.rolled import roll
 from slcp_warp.scripts.benchmarks.fuzz.run import run_task
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import HOLDS
 from slcp_warp.scripts.benchmarks.mechanics.yielding import asked
 
 K, C, LIMIT, H = 200.0, 20.0, 5.0, 0.01
@@ -79,6 +83,32 @@ def test_a_stalled_motor_holds_up_to_its_limit():
             assert np.diff(q, 2)[-1] / H**2 == pytest.approx(-falls, rel=1e-9)
         else:
             assert q[-1] == pytest.approx(-9.81 / 1e4, rel=1e-9)
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_limits_that_act_on_each_other_are_found(dtype):
+    """A chain of five links with a stiff servo at each joint: of the 3^5 that yield to one side, the other or
+    not, those that do by the law are one, in 2,000 random states with far targets.
+    """
+    names = [f"link{i}" for i in range(5)]
+    links = tuple(
+        slcp.Body(n, 1.0, 0.01, names[i - 1] if i else None, anchor=(0.3 * (i > 0), 0.0), com=(0.15, 0.0))
+        for i, n in enumerate(names)
+    )
+    tendons, motors = zip(*(slcp.limited_servo(b, 200.0, f) for b, f in zip(links, (30, 8, 4, 2, 1))))
+    scene = slcp.Scene("chain", links, actuators=motors, tendons=tendons, step_size=H)
+    sim, rng = slcp.Simulator(scene, dtype=dtype), np.random.default_rng(2)
+    x = rng.normal(size=(2000, 10)) * np.repeat([1.0, 3.0], 5)
+    u = rng.normal(size=(2000, 5)) * 0.3 + x[:, :5] * rng.integers(0, 2, (2000, 1))
+    x, u = (a.astype(sim.dtype.__name__) for a in (x, u))
+    step = sim.step(x, u)
+    assert (step.status == slcp.Status.SOLVED).all()
+    numbers = {n: np.broadcast_to(v, (2000, *np.shape(v))) for n, v in scene.default_parameters().items()}
+    worlds = Worlds(numbers, x.astype(float), u.astype(float), np.zeros(2000, int))
+    pulls = asked(scene, worlds, np.asarray(step.state, float))
+    assert 0.1 < (np.abs(pulls) > numbers["tendon_force_limit"]).mean() < 0.9
+    verdicts, _ = judged(worlds, sim, out=Outcome.of(step))
+    assert (verdicts.verdict == HOLDS).all()
 
 
 def gripper(options):

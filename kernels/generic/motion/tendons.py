@@ -143,7 +143,8 @@ def make_tendons(given: type) -> SimpleNamespace:
     @wp.func(inline=False)
     def side(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
         """Where the force of tendon i is at k.v: -1 or 1 beyond its limit, 0 below it, as it was within a
-        rounding of its terms.
+        rounding of its terms. From one limit to the other 0 comes between: at a limit it may be beyond the
+        other one, and as a spring below both.
         """
         h = number(t, k, H, 0)
         stiffness = number(t, k, TENSION, i)
@@ -161,12 +162,11 @@ def make_tendons(given: type) -> SimpleNamespace:
             speed_part = share * damping * (k.v0[j] + new * change)
             force -= place_part + speed_part
             size += wp.abs(place_part) + wp.abs(speed_part)
-        most = number(t, k, LIMIT, i)
-        rounding = dtype(ROUNDING) * (size + most)
-        if wp.abs(wp.abs(force) - most) <= rounding:
-            if yields(t, k, i) == ZERO or force * yields(t, k, i) > ZERO:
-                return yields(t, k, i)
-        if wp.abs(force) <= most:
+        rounding = dtype(ROUNDING) * (size + number(t, k, LIMIT, i))
+        here = yields(t, k, i)
+        if here != ZERO:
+            return wp.where(force * here >= number(t, k, LIMIT, i) - rounding, here, ZERO)
+        if wp.abs(force) <= number(t, k, LIMIT, i) + rounding:
             return ZERO
         return wp.where(force > ZERO, ONE, -ONE)
 
