@@ -115,7 +115,7 @@ def test_same_distances(pair):
      "flag constraint is disabled"),
     (('gravity="0 0 -9.81"/>', 'gravity="0 0 -9.81"><flag override="enable"/></option>'), "flag override"),
     (('timestep="0.01"', 'timestep="0.01" actuatorgroupdisable="0"'), "its group 0 is disabled"),
-    (('gear="20"/>', 'gear="20" forcerange="-1 1"/>'), "forcerange is limited"),
+    (('gear="20"/>', 'gear="20" forcerange="-1 2"/>'), "forcerange is limited"),
     (('damping="0.1"', 'damping="0.1" frictionloss="1"'), "frictionloss is 1.0"),
     (('<contact>', '<contact><pair geom1="floor" geom2="foot" condim="3" friction="0.9 0.1"/>'),
      "'floor' and 'foot': its coefficients of sliding are .0.9, 0.1."),
