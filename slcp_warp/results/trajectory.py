@@ -28,6 +28,7 @@ from .records import Record, read_record
 from .simulated import Simulated
 from .statuses import statuses
 from .step import contact_impulse
+from .tensions import tendon_forces
 from .turning import turned
 from .worlds import columns, pair_gap, selected, some_worlds
 
@@ -226,6 +227,19 @@ class Trajectory(Printed):
         if self.batched:
             return found
         return Momentum(found.mass[0], found.place[0], found.linear[0], found.angular[0])
+
+    @property
+    def tendon_forces(self) -> np.ndarray:
+        """How hard every tendon pulls in every step, (B, N, tendons) [N, N m]: spring, damper and actuators
+        together, within its limit (M57), (M64); positive towards a greater length. Without the axis of
+        worlds where the states have none. Where controls pull at tendons they have to be recorded.
+        """
+        if self.kept is not None:
+            raise ArgumentError("this trajectory has checkpoints only; forces of tendons need all states")
+        numbers = {name: self.params[name] for name in self.params.names}
+        controls = None if self.controls is None else self.recorded("controls")
+        found = tendon_forces(self.scene, self.options, numbers, self.recorded("states"), controls)
+        return found if self.batched else found[0]
 
     def failures(self) -> list[tuple[int, str, str]]:
         """The first worlds that are not SOLVED: number, status, what overlaps in the state they failed at.

@@ -261,6 +261,26 @@ def test_derivatives_of_random_mechanisms_are_differences():
         assert sum(n for key, n in tally.counts.items() if key[-1] == f"compared {what}") >= 4
 
 
+@pytest.mark.parametrize("rule", [True, False])
+def test_a_trajectory_tells_how_hard_tendons_pull(rule):
+    """What drives a mass is its momentum's change; with worlds and steps of their own, with and without a
+    limit, after the step has met the spring half a step on and the damper at its end, or before.
+    """
+    for limit in (LIMIT, None):
+        scene = slider(limit, implicit_damping=rule, implicit_stiffness=rule)
+        sim = slcp.Simulator(scene, slcp.Options("hard"), dtype="float64")
+        us = np.random.default_rng(1).uniform(-0.1, 0.1, (3, 50, 1))
+        params = sim.params.replace(
+            step_size=[0.01, 0.004, 0.002], **{"servo.tendon_damping": [5.0, 20.0, 9.0]}
+        )
+        run = sim.rollout(np.zeros((3, 2)), us, params, record=("controls",))
+        h = np.array([0.01, 0.004, 0.002])[:, None]
+        np.testing.assert_allclose(run.tendon_forces[..., 0], np.diff(run.states[..., 1]) / h, atol=1e-9)
+        assert run[0].tendon_forces.shape == (50, 1) == run[0].controls.shape
+    with pytest.raises(slcp.ArgumentError, match="controls were not recorded, and some pull at tendons"):
+        _ = rolled(scene, 0.1, 3).tendon_forces
+
+
 def test_what_does_not_have_limits_says_so():
     limited = slider()
     with pytest.raises(slcp.StrategyError, match="force_limit of tendons is offered by the generic"):
