@@ -2,6 +2,8 @@
 and tuples, whatever kind of sequence and number came.
 """
 
+import math
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +12,8 @@ import numpy as np
 from ..inputs import rules
 from ..inputs.checks import shown, whole
 from ..inputs.errors import SceneError
+
+TURNS = 4.0 * math.pi  # rad: where no part is turned to by intent
 
 
 def several(value: Any) -> bool:
@@ -63,6 +67,14 @@ class Fields:
         if value is None and optional:
             return
         self._put(name, float(rules.numbers(label, value, SceneError, rule or name, ndim=0)))
+
+    def angle(self, name: str, rule: str = "") -> None:
+        """A number in radians; of one that looks like degrees a RuntimeWarning says so."""
+        self.number(name, rule)
+        value, label = self._get(name)
+        if abs(value) > TURNS:
+            warnings.warn(f"{label} is {value:g}; angles are in radians (np.radians({value:g}))",
+                          RuntimeWarning, stacklevel=5)  # fmt: skip
 
     def pair(self, name: str, rule: str = "") -> None:
         """Two numbers."""

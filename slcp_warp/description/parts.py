@@ -69,8 +69,9 @@ class Body:
         fields = Fields(self, f"body {self.name!r}: ")
         fields.text("parent", optional=True)
         fields.choice("joint", tuple(JOINTS))
-        for name in ("mass", "inertia", "angle"):
+        for name in ("mass", "inertia"):
             fields.number(name)
+        fields.angle("angle")
         for name in ("anchor", "axis", "com"):
             fields.pair(name)
         rules.check_axis(f"body {self.name!r}: axis", np.array(self.axis), SceneError)
@@ -138,7 +139,7 @@ class Shape:
             fields.number("radius")
         rules.check_radius(f"{label}radius", self.kind, np.array(radii(self)), SceneError)
         fields.pair("offset", "shape_offset")
-        fields.number("angle", "shape_angle")
+        fields.angle("angle", "shape_angle")
         fields.number("friction", optional=True)
         fields.whole("contype")
         fields.whole("conaffinity")

@@ -71,7 +71,7 @@ class Function:
         with of_user(
             f"policies.Function: {self._kernel.in_words!r} is no control(data, world, step, x"
             f"{', memory) -> (u, memory)' if self.memory else ') -> u'} for {sim.nx} states, {sim.nu} "
-            f"controls and {sim.dtype.__name__}"
+            f"controls and {sim.dtype.__name__}{self._given()}"
         ):
             functions = self._kernel.functions(sim.nx, sim.nu, sim.dtype)
         self._check_indices(functions, sim.nx)
@@ -84,6 +84,16 @@ class Function:
             else:
                 setattr(struct, name, put(sim, value, name) if value.ndim else float(value))
         return self._kernel, struct
+
+    def _given(self) -> str:
+        """The arrays as a function names them, for errors: "with data.kp, data.ref[i, j]"."""
+        if not self.arrays:
+            return ", and data holds nothing"
+        named = (
+            f"data.{name}{[', '.join('ijkl'[: value.ndim])] if value.ndim else ''}".replace("'", "")
+            for name, value in self.arrays.items()
+        )
+        return f", with {', '.join(named)}"
 
     def _check_indices(self, functions: PolicyFunctions, nx: int) -> None:
         """Raise ArgumentError for an index that its arrays, a state or its memory do not have."""

@@ -127,6 +127,8 @@ def _memories(repeated: Followed, states: Tensor) -> list[Memory]:
     """What the policy remembers before every step and after the last."""
     with torch.no_grad():
         found = [repeated.start(states[:, 0])]
+        if not any(kept.numel() for kept in found[0]):
+            return found * states.shape[1]
         for k in range(states.shape[1] - 1):
             found.append(repeated(k, states[:, k], found[-1])[1])
     return found

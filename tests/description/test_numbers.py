@@ -5,6 +5,7 @@ take and refuse the same ones, in the same words.
 import dataclasses
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -251,3 +252,19 @@ def test_mjcf(tmp_path, monkeypatch, attribute, words):
         <geom type="sphere" size=".1" mass="1"/></body></worldbody></mujoco>""")
     with pytest.raises(slcp.MjcfError, match=rf"scene\.xml.*{words}"):
         slcp.load_mjcf(path)
+
+
+@pytest.mark.parametrize("make", [
+    lambda angle: slcp.Shape("floor", None, "halfplane", angle=angle),
+    lambda angle: slcp.Body("arm", 1.0, 0.1, angle=angle),
+])  # fmt: skip
+def test_degrees_are_asked_about(make):
+    """A floor of 90 radians leans by 116 degrees, which nothing else says."""
+    with pytest.warns(
+        RuntimeWarning, match=r"angle is 90; angles are in radians \(np.radians\(90\)\)"
+    ) as told:
+        make(90.0)
+    assert told[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        make(-3.0 * np.pi)

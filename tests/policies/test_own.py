@@ -221,6 +221,8 @@ BAD = {
     "no controls": (
         roll(lambda: F(the_state)), "is no control.data, world, step, x. -> u for 8 states, 1 controls"),
     "an array that is not there": (roll(lambda: F(no_such_array)), "'gain'|\"gain\"|gain"),
+    "an array by another name": (
+        roll(lambda: F(no_such_array, gains=np.zeros((1, 2)), k=2.0)), r"with data.gains\[i, j\], data.k: "),
     "no memory given back": (roll(lambda: F(only_controls, memory=1)), r"is no control.*\(u, memory\)"),
     "no function": (lambda: F(3), "control is 3; a function is needed"),
     "a start without memory": (lambda: F(the_state, start=first_position), "start is given, but memory is 0"),
