@@ -4,6 +4,7 @@ from typing import Any
 
 from ..storage.printed import Table, counted
 from .auto_contacts import AUTO
+from .parts import JOINTS, spread
 
 
 def scene_line(scene: Any) -> str:
@@ -28,7 +29,9 @@ def scene_tables(scene: Any) -> list[Table]:
     def world(name: str | None) -> str:
         return "(world)" if name is None else name
 
-    bodies = [(b.name, world(b.parent), b.joint, b.mass, b.inertia, b.damping) for b in scene.bodies]
+    bodies = [
+        (b.name, world(b.parent), b.joint, b.mass, b.inertia, b.damping, _limits(b)) for b in scene.bodies
+    ]
     shapes = [(sh.name, world(sh.body), sh.kind, sh.radius, sh.offset) for sh in scene.shapes]
     contacts = [
         (c.shape_a, c.shape_b, "none" if c.friction is None else c.friction) for c in scene.all_contacts
@@ -40,13 +43,26 @@ def scene_tables(scene: Any) -> list[Table]:
         for t in scene.tendons
     ]
     return [
-        Table("bodies", ("body", "parent", "joint", "mass", "inertia", "damping"), bodies, left=3),
+        Table("bodies", ("body", "parent", "joint", "mass", "inertia", "damping", "limits"), bodies, left=3),
         Table("shapes", ("shape", "body", "kind", "radius", "offset"), shapes, left=3),
         Table("contacts", ("shape", "and shape", "friction"), contacts, left=2),
         Table("controls", ("control", "gear"), controls),
         Table("springs", ("body", "and body", "stiffness", "damping"), springs, left=2),
         Table("tendons", ("tendon", "length", "stiffness", "damping", "force limit"), tendons, left=2),
     ]
+
+
+def _limits(body: Any) -> str:
+    """The limits of each degree of freedom of a joint that has some."""
+    ends = [
+        tuple(spread(side, i, None) for side in (body.lower, body.upper)) for i in range(JOINTS[body.joint])
+    ]
+    shown = ["none" if low is high is None else f"{_end(low)} to {_end(high)}" for low, high in ends]
+    return "none" if set(shown) == {"none"} else ", ".join(shown)
+
+
+def _end(bound: float | None) -> str:
+    return "none" if bound is None else f"{bound:g}"
 
 
 def _sum(tendon: Any) -> str:
