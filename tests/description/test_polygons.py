@@ -9,6 +9,9 @@ UP = np.pi / 2
 PENTAGON = np.array([(0.0, 0.0), (0.12, 0.0), (0.14, 0.05), (0.06, 0.1), (0.0, 0.06)])
 ELL = np.array([(0.0, 0.0), (0.3, 0.0), (0.3, 0.1), (0.1, 0.1), (0.1, 0.3), (0.0, 0.3)])  # not convex
 R = 0.004
+NOTCH = [(0, 0), (1, 0), (1, 1), (0.6, 1), (0.5, 0.2), (0.4, 1), (0, 1)]  # deep and sharp
+NECK = [(0, 0), (0.4, 0), (0.4, 0.4), (0.8, 0.4), (0.8, 0), (1.2, 0), (1.2, 1), (0.8, 1), (0.8, 0.45),
+        (0.4, 0.45), (0.4, 1), (0, 1)]  # fmt: skip
 
 
 def signed_distance(points, corners):
@@ -34,6 +37,21 @@ def distance_to(shapes, points):
         t = np.clip(rel @ along, -half, half)
         found.append(np.hypot(*(rel - t[:, None] * along).T) - radius)
     return np.min(found, axis=0)
+
+
+@pytest.mark.parametrize(
+    ("corners", "radius"), [(PENTAGON, R), (PENTAGON[::-1], R), (ELL, R), (np.array(NOTCH), 0.02),
+                            (np.array(NECK), 0.02)],
+)  # fmt: skip
+def test_nothing_sticks_out(corners, radius):
+    """Points of the surface of every part are inside of the outline, or on it."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 200)
+    for s in slcp.polygon("p", None, corners, radius):
+        size, half = (s.radius, 0.0) if s.kind == "disc" else s.radius
+        along = np.array([np.cos(s.angle), np.sin(s.angle)])
+        for end in (-half, half, 0.3 * half):
+            around = np.array(s.offset) + end * along + size * np.stack([np.cos(turn), np.sin(turn)], 1)
+            assert signed_distance(around, corners).max() < 1e-9
 
 
 @pytest.mark.parametrize("corners", [PENTAGON, PENTAGON[::-1], ELL])
@@ -169,6 +187,12 @@ def test_what_starts_inside_is_seen():
             {"corner_radius": 0.05},
             r"corner_radius is 0.05; the side between vertices\[\d\]",
         ),
+        (
+            {"vertices": NOTCH, "corner_radius": 0.05},
+            r"too narrow for it beside vertices\[3\] and vertices\[4\]",
+        ),
+        ({"vertices": NECK, "corner_radius": 0.04}, "too narrow for it beside vertices"),
+        ({"vertices": 1e200 * PENTAGON}, r"numbers of up to 1.4e\+199 m"),
         ({"name": ""}, "a name is needed"),
         ({"core": 1}, "core is 1"),
     ],

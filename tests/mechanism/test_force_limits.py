@@ -85,6 +85,18 @@ def test_a_stalled_motor_holds_up_to_its_limit():
             assert q[-1] == pytest.approx(-9.81 / 1e4, rel=1e-9)
 
 
+@pytest.mark.parametrize("stiffness", [1e6, 1e9, 1e12])
+def test_a_stiff_motor_holds_no_more_than_its_limit(stiffness):
+    """1 kg at 1 m, told 1 m, by 9 N: it falls by the .81 N that are missing, however stiff. By a rounding of
+    a billionth of k q, in place of some 1e-16, one of 1e9 N/m held it.
+    """
+    body = slcp.Body("lift", 1.0, 0.01, joint="prismatic", axis=(0.0, 1.0))
+    tendon, motor = slcp.limited_servo(body, stiffness, 9.0)
+    scene = slcp.Scene("lift", (body,), actuators=(motor,), tendons=(tendon,), step_size=H,
+                       initial_state=(1.0, 0.0))  # fmt: skip
+    assert rolled(scene, 1.0, 100).states[-1, 1] == pytest.approx(-0.81, rel=1e-6)
+
+
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_limits_that_act_on_each_other_are_found(dtype):
     """A chain of five links with a stiff servo at each joint: of the 3^5 that yield to one side, the other or

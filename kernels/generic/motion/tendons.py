@@ -19,7 +19,7 @@ from .free_motion import make_free_motion
 from .mechanism import COLUMN, make_mechanism
 
 TOGETHER, MOST = 8.0, 64.0  # looks in which all tendons change at once; then one does, up to so many
-ROUNDING = 1e-9  # of a force's own terms, by which it may be beyond the limit and is not
+ROUNDING, NEAR = 1e-13, 1e-9  # of a force's terms, and of its limit: by so much it may be beyond and is not
 
 
 @cached
@@ -162,7 +162,7 @@ def make_tendons(given: type) -> SimpleNamespace:
             speed_part = share * damping * (k.v0[j] + new * change)
             force -= place_part + speed_part
             size += wp.abs(place_part) + wp.abs(speed_part)
-        rounding = dtype(ROUNDING) * (size + number(t, k, LIMIT, i))
+        rounding = dtype(ROUNDING) * size + dtype(NEAR) * number(t, k, LIMIT, i)
         here = yields(t, k, i)
         if here != ZERO:
             return wp.where(force * here >= number(t, k, LIMIT, i) - rounding, here, ZERO)

@@ -9,6 +9,8 @@ from ...inputs.errors import SceneError
 from ..parts import Pair2, Shape
 
 STRAIGHT = 1e-9  # sine of the turn at a vertex that is none
+ENOUGH = 1e-6  # of a radius, by which rounding brings an inner outline nearer
+LEAST = 1e-30  # m: what is smaller, or as much larger, has areas without digits
 CORE = 0.75  # of the largest circle inside, what the disc in the middle has: what is that deep is inside
 FINE = 1e-3  # of a polygon's size, to which that circle's centre is looked for
 CELLS = 12  # a side of the first grid in which it is
@@ -98,6 +100,10 @@ def _pair(point: np.ndarray) -> Pair2:
 def _outline(vertices: Any) -> tuple[np.ndarray, list[int]]:
     """The vertices counter-clockwise, and which of those that were given each is."""
     found = array("vertices", vertices, error=SceneError)
+    largest = float(np.abs(found).max(initial=0.0))
+    if found.size and not LEAST < largest < 1.0 / LEAST:
+        raise SceneError(f"vertices has numbers of up to {largest:g} m; between {LEAST:g} and "
+                         f"{1.0 / LEAST:g} is needed")  # fmt: skip
     if found.ndim != 2 or found.shape[1] != 2 or len(found) < 3:
         raise SceneError(f"vertices has shape {found.shape}; (n, 2) with at least 3 of them is needed")
     order = list(range(len(found)))
@@ -105,7 +111,8 @@ def _outline(vertices: Any) -> tuple[np.ndarray, list[int]]:
     same = np.flatnonzero((a == b).all(axis=1))
     if len(same):
         i = int(same[0])
-        raise SceneError(f"vertices[{i}] and vertices[{(i + 1) % len(a)}] are one point; a side needs two")
+        raise SceneError(f"vertices[{i}] and vertices[{(i + 1) % len(a)}] are one point; a side needs two "
+                         "(the last leads to the first by itself)")  # fmt: skip
     if (crossing := _crossing(a, b)) is not None:
         one, two = crossing
         raise SceneError(f"vertices: the sides from vertices[{one}] and from vertices[{two}] meet; "
@@ -116,12 +123,14 @@ def _outline(vertices: Any) -> tuple[np.ndarray, list[int]]:
     return found, order
 
 
+def _left_of(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
+    """Positive where r is to the left of the way from p to q."""
+    return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+
+
 def _crossing(a: np.ndarray, b: np.ndarray) -> tuple[int, int] | None:
     """The first two sides, from a[i] to b[i], that meet other than at their common vertex; None: none do."""
-    count = len(a)
-
-    def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
-        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+    count, side = len(a), _left_of
 
     def within(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> bool:
         return side(p, q, r) == 0.0 and float((r - p) @ (r - q)) <= 0.0
@@ -159,7 +168,30 @@ def _inset(corners: np.ndarray, radius: float, order: list[int]) -> tuple[np.nda
         one, two = order[i], order[(i + 1) % len(order)]
         raise SceneError(f"corner_radius is {radius}; the side between vertices[{one}] and vertices[{two}] "
                          "is too short for it")  # fmt: skip
+    if (i := _narrow(inner, corners, radius)) is not None:
+        raise SceneError(f"corner_radius is {radius}; the outline is too narrow for it beside vertices"
+                         f"[{order[i]}] and vertices[{order[(i + 1) % len(order)]}]")  # fmt: skip
     return inner, turn
+
+
+def _narrow(inner: np.ndarray, corners: np.ndarray, radius: float) -> int | None:
+    """The first side of an inner outline that comes nearer than a radius to the outer one, or leaves it;
+    None: none does.
+    """
+    most = radius * (1.0 - ENOUGH)
+    outer = np.roll(corners, -1, axis=0)
+    for i, (one, two) in enumerate(zip(inner, np.roll(inner, -1, axis=0), strict=True)):
+        ends = _depth(np.stack([one, two]), corners)
+        along = two - one
+        share = np.clip((corners - one) @ along / (along @ along), 0.0, 1.0)
+        away = np.hypot(*(corners - one - share[:, None] * along).T)
+        left = np.array([_left_of(one, two, corner) for corner in corners])
+        cross = (left * np.roll(left, -1) < 0.0) & np.array(
+            [_left_of(a, b, one) * _left_of(a, b, two) < 0.0 for a, b in zip(corners, outer, strict=True)]
+        )
+        if ends.min() < most or away.min() < most or cross.any():
+            return i
+    return None
 
 
 def _depth(points: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -45,7 +45,10 @@ WORDS = (
     *dict.fromkeys(w for fields in FIELDS.values() for w in fields.values()),
 )
 HINT = " (load_mjcf can leave it out: left_out)"
-BRAKE = " but as a brake, brakes=True"
+BUT = {
+    "dof_frictionloss": " but as a brake, brakes=True",
+    "actuator_forcelimited": " but where it is alike to both sides",
+}
 
 
 def refuse_what_is_missing(
@@ -71,8 +74,8 @@ def refuse_what_is_missing(
                 name = named(m, kind, int(owner))
                 value = np.round(values[place].astype(float), 9).tolist()
                 of = "is limited" if values.dtype == bool else f"is {value}"
-                brake = BRAKE if field == "dof_frictionloss" else ""
-                raise MjcfError(f"{kind} {name!r}: {what} {of}; it is not supported{brake}{HINT}")
+                but = BUT.get(field, "")
+                raise MjcfError(f"{kind} {name!r}: {what} {of}; it is not supported{but}{HINT}")
 
 
 def is_disabled(m: Any, flag: str) -> bool:

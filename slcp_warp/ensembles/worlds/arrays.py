@@ -25,8 +25,8 @@ class Worlds(Arrays):
 
     Attributes:
         x0: starts (B, nx).
-        params: rows (B, P) of the table of parameters, as `Parameters.table` gives them, or the
-            `Parameters` themselves, of which rows are made; `from_table` of these has them by name again.
+        params: rows (B, P) of the table of parameters, as `Parameters.table` gives them; `from_table` of
+            a scene's `Parameters` has them by name.
         kicks: what each of K kicks adds to the velocities (B, K, nv), at `Disturbances.kick_times`.
         pushes: (B, Q, 5) of `Disturbances.pushes`: start, duration [s], x, y of the force [N], torque [N m].
         dropouts: (B, D, 2) of `Disturbances.dropouts`: start, duration [s].
@@ -50,8 +50,8 @@ class Worlds(Arrays):
             value = getattr(self, name)
             if value is None and name != "x0":
                 continue
-            if name == "params" and isinstance(value, Parameters):
-                value = np.repeat(value.table(), 1 if value.worlds else count or 1, axis=0)
+            if isinstance(value, Parameters):
+                raise ArgumentError(f"Worlds.{name} is Parameters; their rows are needed, .table() of them")
             found = array(f"Worlds.{name}", value.numpy() if isinstance(value, wp.array) else value)
             if found.ndim != ndim or len(found) != (len(found) if count is None else count):
                 need = "" if count is None else f" and {count} worlds"
