@@ -99,10 +99,10 @@ class TaskSweep:
             label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
             for label, options in self.cases.items()
         }
-        for name, policy in self.policies.items():
-            warn_of_noise(name, policy_of(task, policy), task)
         if isinstance(policies, Mapping):
             _check_kernels(task, self.policies, next(iter(self.simulators.values())), sizes[0])
+        for name, policy in self.policies.items():
+            warn_of_noise(name, policy_of(task, policy), task)
         self.record = Recorded.of(task.scene, record, record_every, task.duration)
         records = self.record.count(task.duration), len(self.record.states)
         parts = []
