@@ -168,9 +168,9 @@ def _inset(corners: np.ndarray, radius: float, order: list[int]) -> tuple[np.nda
         one, two = order[i], order[(i + 1) % len(order)]
         raise SceneError(f"corner_radius is {radius}; the side between vertices[{one}] and vertices[{two}] "
                          "is too short for it")  # fmt: skip
-    if (i := _narrow(inner, corners, radius)) is not None:
+    if (narrow := _narrow(inner, corners, radius)) is not None:
         raise SceneError(f"corner_radius is {radius}; the outline is too narrow for it beside vertices"
-                         f"[{order[i]}] and vertices[{order[(i + 1) % len(order)]}]")  # fmt: skip
+                         f"[{order[narrow]}] and vertices[{order[(narrow + 1) % len(order)]}]")  # fmt: skip
     return inner, turn
 
 
