@@ -54,6 +54,10 @@ def test_files_keep_factors(tmp_path):
     "make, text",
     [
         (lambda: slcp.UniformFactor(0.0, 1.0), "UniformFactor.low is 0.0"),
+        (
+            lambda: slcp.Worlds(np.zeros((1, 8)), slcp.Parameters(SCENE)),
+            "params is Parameters; their rows are",
+        ),
         (lambda: slcp.UniformFactor(1.5, 1.0), "UniformFactor.high is 1.0"),
         (lambda: drawn({"block.com": slcp.UniformFactor(0.5, 1.0)}), "com takes normal or uniform"),
         (lambda: drawn({"restitution": slcp.UniformFactor(0.5, 1.0)}), "restitution takes uniform"),
