@@ -82,6 +82,18 @@ def test_same_mass_matrix_and_forces(models):
         np.testing.assert_allclose(oracle.force(q, v, u), force, atol=1e-11)
 
 
+def moved(model, data, q, v, u, h):
+    """MuJoCo's state a tenth of a second on, in our coordinates, its steps, and what its actuators gave."""
+    model.opt.timestep, steps = h, round(0.1 / h)
+    mujoco.mj_resetData(model, data)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = model.qpos0 + SIGNS * q, SIGNS * v, u
+    forces = np.empty((steps, model.nu))
+    for force in forces:
+        mujoco.mj_step(model, data)
+        force[:] = data.actuator_force
+    return np.array([*(SIGNS * (data.qpos - model.qpos0)), *(SIGNS * data.qvel)]), steps, forces
+
+
 def test_same_motion(models):
     """A tenth of a second, to the first order in h that both integrators have: the error halves with h."""
     scene, model = models
@@ -89,14 +101,9 @@ def test_same_motion(models):
     (q,), (v,), (u,) = states(model, 1)
     errors = []
     for h in (1e-3, 5e-4):
-        model.opt.timestep, steps = h, round(0.1 / h)
-        mujoco.mj_resetData(model, data)
-        data.qpos[:], data.qvel[:], data.ctrl[:] = model.qpos0 + SIGNS * q, SIGNS * v, u
-        for _ in range(steps):
-            mujoco.mj_step(model, data)
+        there, steps, _ = moved(model, data, q, v, u, h)
         sim = slcp.Simulator(scene, device="cpu", dtype="float64", strategy="generic")
         run = sim.rollout([*q, *v], np.tile(u, (1, steps, 1)), sim.params.replace(step_size=h))
-        there = [*(SIGNS * (data.qpos - model.qpos0)), *(SIGNS * data.qvel)]
         errors.append(np.abs(np.ravel(run.states)[-2 * model.nv :] - there).max())
     assert errors[0] < 0.05 and 0.4 < errors[1] / errors[0] < 0.6
 
@@ -148,14 +155,9 @@ def test_servos_with_a_range_of_force_move_as_in_mujoco(tmp_path):
     for q, v, u in zip(*states(model, 3)):
         u, errors = u * [1.0, 4.0, 1.0], []
         for h in (1e-3, 5e-4):
-            model.opt.timestep, steps = h, round(0.1 / h)
-            mujoco.mj_resetData(model, data)
-            data.qpos[:], data.qvel[:], data.ctrl[:] = model.qpos0 + SIGNS * q, SIGNS * v, u
-            for _ in range(steps):
-                mujoco.mj_step(model, data)
-                at_limit += np.abs(data.actuator_force) >= limits
+            there, steps, forces = moved(model, data, q, v, u, h)
+            at_limit += (np.abs(forces) >= limits).sum(axis=0)
             run = sim.rollout([*q, *v], np.tile(u, (steps, 1)), sim.params.replace(step_size=h))
-            there = [*(SIGNS * (data.qpos - model.qpos0)), *(SIGNS * data.qvel)]
             errors.append(np.abs(run.states[-1] - there).max())
         assert errors[0] < 0.1 and 0.4 < errors[1] / errors[0] < 0.6
     assert (at_limit > 100).all()
