@@ -147,7 +147,7 @@ def gripper(options):
         (*fingers, box),
         shapes,
         tuple(slcp.Contact(a, b, 0.6) for a, b in pairs),
-        actuators=tuple(slcp.Actuator(tendon=t, gear=300.0) for t in ("a", "b", "c")),
+        actuators=tuple(slcp.Actuator(tendon=t, gear=300.0) for t in ("b", "a", "c")),
         tendons=tendons,
         initial_state={"left.shift": -0.16, "right.shift": 0.16, "box.y": 0.1},
         sigma=0.02,
