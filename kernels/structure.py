@@ -297,7 +297,7 @@ def layout(s: Structure) -> Layout:
         shapes |= {"tendon_stiffness": (n,), "tendon_damping": (n,), "tendon_length": (n,)}
         shapes |= {"tendon_coefficient": (sum(map(len, s.tendons)),)}
         if s.limited:
-            shapes |= {"tendon_force_limit": (n,)}
+            shapes |= {"tendon_force_limit": (n,), "tendon_force_sigma": (n,)}
     if s.armature:
         shapes |= {"armature": (s.nv,)}
     if s.uncertain:

@@ -38,7 +38,7 @@ class Parameters(Printed):
     (2), shape_offset (2) [m], shape_angle [rad] per shape, surface_ratio where one runs; spring_stiffness
     [N/m], spring_damping [N s/m], spring_length [m], spring_point (2 ends, 2) [m] per spring;
     tendon_stiffness, tendon_damping, tendon_length per tendon, tendon_coefficient per tendon and coordinate,
-    tendon_force_limit per tendon where one has a limit [N, N m].
+    tendon_force_limit and tendon_force_sigma per tendon where one has a limit [N, N m].
     """
 
     def __init__(

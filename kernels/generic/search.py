@@ -392,7 +392,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             else:
                 status = judge(t, k, o, s, size)
         if wp.static(not hard):
-            if status == wp.static(SOLVED) and digits.is_ill(t, k, o):
+            if status == wp.static(SOLVED):
                 if digits.loses(t, k, o):
                     return wp.static(NOT_CONVERGED)
         return status

@@ -20,6 +20,7 @@ from .judge.beside import MOST_BESIDE, MOST_RUBBING, make_beside
 from .motion.free_motion import make_free_motion
 from .motion.mechanism import COLUMN, make_mechanism
 from .motion.tendons import make_tendons
+from .motion.whole import make_whole
 from .newton import make_newton
 from .order import make_order
 from .rows.recorded import make_recorded
@@ -37,7 +38,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
     dtype = WORK
     mech = make_mechanism(given)
-    motion, tendons = make_free_motion(given), make_tendons(given)
+    motion, tendons, whole = make_free_motion(given), make_tendons(given), make_whole(given)
     contact = make_contact(given, residual) if residual != "none" else None
     beside = make_beside(given)
     settle = make_island(given, residual) if residual != "none" else None
@@ -224,6 +225,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     def solve_step(t: wp.ref[Topology], k: wp.ref[Slot]):
         """k.v = v' and, on success, the next state in (k.q, k.v0); the status."""
         status = int(wp.static(SOLVED))
+        if wp.static(residual != "none"):
+            whole.keep(t, k)
         if t.limited > 0:
             tendons.loosen(t, k)
         if wp.static(residual != "none"):

@@ -26,6 +26,7 @@ PLANE, LONG, ROUND, BLOCK, HOLLOW = 0, 1, 2, 3, 4
 KINDS = {HALFPLANE: PLANE, CAPSULE: LONG, RECTANGLE: BLOCK, RING: HOLLOW}
 JOINT = {"revolute": 0, "prismatic": 1, "free": 2}
 MOVES_A, MOVES_B = 1, 2  # which sides of a pair a degree of freedom moves
+SMOOTHED = 2  # limits of force
 RUNS_A, RUNS_B = 4, 8  # added to these: whose surface runs with it
 
 NUMBERS = (
@@ -34,6 +35,7 @@ NUMBERS = (
     "stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point", "armature",
     "corner_radius", "restitution", "surface_ratio",
     "tendon_stiffness", "tendon_damping", "tendon_length", "tendon_coefficient", "tendon_force_limit",
+    "tendon_force_sigma",
 )  # fmt: skip
 
 
@@ -54,7 +56,7 @@ class Topology:
     sprung: int  # dofs with a joint spring
     springs: int
     tendons: int
-    limited: int  # of them, whose force has a limit
+    limited: int  # 0: none of their forces has a limit; 1: clamps; SMOOTHED: means where there is a sigma
     width: int  # numbers of a world's parameters
     rotors: int  # dofs with an inertia of their own (armature)
     bounces: int  # 1: pairs have a restitution
@@ -205,6 +207,7 @@ def make_topology(
     speed: float | None,
     device: object,
     leapfrog: bool = False,
+    hard: bool = True,
 ) -> Topology:
     """The tables on a device; `speed`: of `Method.depenetration_speed`."""
     lists, sizes = tables(s)
@@ -215,7 +218,8 @@ def make_topology(
     out.items, out.planes = (sizes.items, sizes.planes) if items_first(s) else (0, 0)
     out.pair_bits = bits_of(len(s.pairs))
     out.sprung, out.springs, out.tendons = len(s.sprung), len(s.springs), len(s.tendons)
-    out.rotors, out.limited, out.width = len(s.armature), len(s.limited), sizes.numbers
+    out.rotors, out.width = len(s.armature), sizes.numbers
+    out.limited = (1 if hard else SMOOTHED) if s.limited else 0
     out.bounces = int(s.bounces)
     out.inertia_scaling, out.coulomb, out.leapfrog = int(inertia_scaling), int(coulomb), int(leapfrog)
     out.overlaps, out.depenetration_speed = int(speed is not None), speed or 0.0

@@ -24,6 +24,7 @@ BUILT = {
     "corner_radius": "without corners",
     "surface_ratio": "without a surface that runs",
     "tendon_force_limit": "without a limit of its force",
+    "tendon_force_sigma": "without a limit of its force",
     "shape_angle": "with the angle 0, which the kernels leave out",
 }
 
@@ -43,7 +44,7 @@ def acting(structure: Structure, name: str) -> list[bool]:
         return [pair.restitution for pair in s.pairs]
     if name == "surface_ratio":
         return [shape.driver >= 0 for shape in s.shapes]
-    if name == "tendon_force_limit":
+    if name in ("tendon_force_limit", "tendon_force_sigma"):
         return [i in s.limited for i in range(len(s.tendons) if s.limited else 0)]
     if name == "corner_radius":
         return [shape.kind == RECTANGLE for shape in s.shapes]

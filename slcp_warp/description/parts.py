@@ -265,6 +265,9 @@ class Tendon:
         force_limit: >= 0, what the force along l, of spring, damper and actuators together, is at most to
             either side (M64) [N, N m]: a motor that stalls, a clutch that slips, a grip that yields; in
             generic kernels. None: there is none.
+        force_sigma: >= 0, of a force with a limit, under smoothed contact laws: scale of the logistic noise
+            of what is asked for, of whose clamp the force is the mean (M65) [N, N m]. Plans see a slope
+            beyond the limit by it, as contact from afar by `sigma`. 0, and under hard laws: the clamp.
     """
 
     name: str
@@ -274,6 +277,7 @@ class Tendon:
     damping: float = 0.0
     length: float = 0.0
     force_limit: float | None = None
+    force_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         Fields(self, "tendon, ").text("name")
@@ -291,6 +295,10 @@ class Tendon:
         for name in ("stiffness", "damping", "length"):
             fields.number(name, f"tendon_{name}")
         fields.number("force_limit", "tendon_force_limit", optional=True)
+        fields.number("force_sigma", "tendon_force_sigma")
+        if self.force_limit is None and self.force_sigma != 0.0:
+            raise SceneError(f"{label}force_sigma is {shown(self.force_sigma)}, of a force without a limit; "
+                             "force_limit is needed beside it")  # fmt: skip
 
 
 def spread(value: Any, i: int, default: Any) -> Any:

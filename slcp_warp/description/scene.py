@@ -269,6 +269,7 @@ class Scene(Printed):
             values["tendon_coefficient"] = np.array([c for one in ordered for _, c in one], float)
             if s.limited:
                 values["tendon_force_limit"] = np.array([t.force_limit or 0.0 for t in self.tendons], float)
+                values["tendon_force_sigma"] = np.array([t.force_sigma for t in self.tendons], float)
         if s.uncertain:
             values["position_covariance"] = np.zeros((s.nv, s.nv))
             values["velocity_covariance"] = self.sigma**2 * np.eye(s.nv)

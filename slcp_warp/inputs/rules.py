@@ -24,6 +24,7 @@ NONNEGATIVE = (
     "spring_length",
     "tendon_damping",
     "tendon_force_limit",
+    "tendon_force_sigma",
 )
 OF_EITHER_SIGN = (
     "gravity",

@@ -57,6 +57,13 @@ def tendon_forces(
         assert controls is not None
         out[..., i] += of("gear", a) * controls[..., a]
     for i in s.limited:
-        most = of("tendon_force_limit", i)
-        out[..., i] = np.clip(out[..., i], -most, most)
+        most, sigma = of("tendon_force_limit", i), of("tendon_force_sigma", i)
+        out[..., i] = _clamped(out[..., i], most, 0.0 * sigma if options.method.hard else sigma)
     return out
+
+
+def _clamped(asked: np.ndarray, most: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """What is asked for within a limit, or the mean of that under logistic noise of a scale (M65)."""
+    scale = np.where(sigma > 0.0, sigma, 1.0)
+    above, below = (np.log1p(np.exp(-np.abs(asked + side * most) / scale)) for side in (1.0, -1.0))
+    return np.clip(asked, -most, most) + sigma * (above - below)

@@ -82,7 +82,9 @@ class GenericKernels:
         self.spec, self.structure, self.dtype, self.device = spec, s, dtype, device
         self.residual = generic_step.residual_of(method, s.nr)
         coulomb, speed = method.coulomb, method.depenetration_speed
-        self.topology = make_topology(s, method.inertia_scaling, coulomb, speed, device, method.leapfrog)
+        self.topology = make_topology(
+            s, method.inertia_scaling, coulomb, speed, device, method.leapfrog, method.hard
+        )
         self.groups = tables.make_groups(s, device)
         self.workspaces = Workspaces(lambda n: allocate_work(s, n, device), bytes_per_world(s), device)
         self.chunk = self.workspaces.most  # worlds of a launch

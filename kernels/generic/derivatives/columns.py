@@ -112,20 +112,21 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def of_tendons(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int):
-        """As `of_joints` of tendons; one whose force is at its limit has none."""
+        """As `of_joints` of tendons, of one with a limit as much as it has by what is asked of it."""
         x = d.known[b]
         h = number(t, k, H, 0)
         for i in range(t.tendons):
-            if tendons.is_steady(t, k, i):
+            part = tendons.slope(t, k, i)
+            if part == dtype(0.0):
                 continue
-            stiffness = number(t, k, TENSION, i)
+            stiffness = part * number(t, k, TENSION, i)
             weight = -h * stiffness
             if velocity == 1:
                 weight = dtype(0.0)
                 if t.implicit_stiffness == 1:
                     weight += PART * h * h * wp.max(stiffness, dtype(0.0))
                 if t.implicit_damping == 0:
-                    weight -= h * number(t, k, SLOWING, i)
+                    weight -= part * h * number(t, k, SLOWING, i)
             for by in range(t.tendon_start[i], t.tendon_start[i + 1]):
                 lane = t.tendon_dof[by] - first
                 if lane >= 0 and lane < COUNT:
@@ -143,8 +144,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
             put(x, place(t, t.actuator[i]), lane, push)
         else:
             tendon = -1 - t.actuator[i]
-            if tendons.is_steady(t, k, tendon):
-                return
+            push *= tendons.slope(t, k, tendon)
             for at in range(t.tendon_start[tendon], t.tendon_start[tendon + 1]):
                 share = number(t, k, SHARE_OF, at)
                 put(x, place(t, t.tendon_dof[at]), lane, push * share)

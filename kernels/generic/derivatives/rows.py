@@ -9,6 +9,7 @@ import warp as wp
 
 from ...factories import cached
 from ..motion.mechanism import COLUMN, make_mechanism
+from ..motion.whole import make_whole
 from ..topology import CONTACT, Topology
 from ..work import WORK, Slot
 from .bodies import make_bodies
@@ -29,7 +30,7 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
     number = make_mechanism(given).number
     bodies, springs = make_bodies(given), make_spring_slopes(given)
     pairs, system = make_pair_slopes(given, residual), make_system(given, residual)
-    gaps = make_gap_slopes(given, residual)
+    gaps, whole = make_gap_slopes(given, residual), make_whole(given)
     H, FRICTION, MASS = COLUMN["step_size"], COLUMN["friction"], COLUMN["mass"]
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
@@ -127,6 +128,7 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
         found = int(0)
         normal = V4()
         last = int(-1)
+        whole.exchange(t, k)
         for r in range(n):
             s = d.row[b, r]
             i = k.row[s]
@@ -152,6 +154,7 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
                     rub = ZERO
                 start = (found - 1) * g.most
                 gaps(t, k, d, b, i, start, normal, rub, k.v0, h, r * g.most)
+        whole.exchange(t, k)
         return found
 
     return SimpleNamespace(prepare=prepare, place=place, first_group=first_group, second_group=second_group)

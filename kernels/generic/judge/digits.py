@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ..motion.whole import make_whole
 from ..newton import make_newton
 from ..topology import Topology
 from ..work import WORK, Island, Slot
@@ -23,9 +24,9 @@ MOST = {wp.float64: 1e-9, wp.float32: 1e-6}  # of the size of a row's terms, by 
 
 @cached
 def make_digits(given: type, residual: str) -> SimpleNamespace:
-    """is_ill(t, k, o): whether N of an island's bodies may cost D digits; loses(t, k, o): whether it does."""
+    """loses(t, k, o): whether N of an island's bodies, the whole one (`motion/whole.py`), costs D digits."""
     dtype = WORK
-    nt = make_newton(given, residual)
+    nt, whole = make_newton(given, residual), make_whole(given)
     env = nt.env
     ZERO, ONE, WHOLE = dtype(0.0), dtype(1.0), dtype(MOST[given])
 
@@ -37,7 +38,7 @@ def make_digits(given: type, residual: str) -> SimpleNamespace:
             f = wp.get_diag(k.mass_factor[t.mass_at[b] + b])
             own = wp.cw_mul(wp.cw_mul(f, f), wp.get_diag(k.mass[t.mass_at[b] + b]))
             worst = wp.max(worst, wp.max(own[0], wp.max(own[1], own[2])))
-        return t.inertia_scaling == 1 and worst > dtype(wp.static(ILL))
+        return worst > dtype(wp.static(ILL))
 
     @wp.func
     def refined(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -67,14 +68,28 @@ def make_digits(given: type, residual: str) -> SimpleNamespace:
                 total += wp.dot(k.move[i], k.balance[i])
         return total
 
-    @wp.func(inline=False)
-    def loses(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+    @wp.func
+    def lacks(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0 and k.lam[r] > ZERO:
                 e = nt.smooth(k, r, k.z[r])
-                lost = wp.abs(refined(t, k, r) - k.diag[r]) * k.lam[r] * wp.min(ONE, e[3] / e[2])
+                lost = wp.abs(refined(t, k, r) - k.scale[r]) * k.lam[r] * wp.min(ONE, e[3] / e[2])
                 if not (lost <= WHOLE * k.own[r]):
                     return True
         return False
 
-    return SimpleNamespace(is_ill=is_ill, loses=loses)
+    @wp.func(inline=False)
+    def loses(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        if t.inertia_scaling == 0:
+            return False
+        other = whole.concerns(t, k, o)
+        if other:
+            whole.lend_all(t, k, o)
+        out = is_ill(t, k, o)
+        if out:
+            out = lacks(t, k, o)
+        if other:
+            whole.take_all(t, k, o)
+        return out
+
+    return SimpleNamespace(loses=loses)

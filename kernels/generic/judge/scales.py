@@ -3,6 +3,7 @@
 import warp as wp
 
 from ...factories import cached
+from ..motion.whole import make_whole
 from ..newton import make_newton
 from ..topology import CONTACT, Topology
 from ..work import M33, V3, WORK, Island, Slot
@@ -34,7 +35,7 @@ def gather(t: wp.ref[Topology], k: wp.ref[Slot], entry: int, end: int, pattern: 
 def make_scales(given: type, residual: str) -> wp.Function:
     """scales(t, k, o) -> the size of velocities in an island, and the number of its acting rows."""
     dtype = WORK
-    nt = make_newton(given, residual)
+    nt, whole = make_newton(given, residual), make_whole(given)
     hard = residual == "hard"
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     UNLIKE, TOUCHES, FAR = dtype(DIFFERENT), dtype(TOUCHING), dtype(1e300)
@@ -299,6 +300,17 @@ def make_scales(given: type, residual: str) -> wp.Function:
                 sum += terms
         return size, sum, closes, lightest
 
+    @wp.func
+    def of_whole(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """D of the whole M, where that is another one."""
+        whole.lend(t, k, o)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                value, _least = own_impulse(t, k, r)
+                k.scale[r] = wp.max(value, FLOOR)
+                k.inverse[r] = ONE / k.scale[r]
+        whole.take_back(t, k, o)
+
     @wp.func(inline=False)
     def scales(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """diag(A) and D of the acting rows; the size of velocities, by which residuals are judged, and the
@@ -331,6 +343,8 @@ def make_scales(given: type, residual: str) -> wp.Function:
                 own = wp.min(own, k.own[r])
                 k.scale[r] = wp.where(t.inertia_scaling == 1, k.diag[r], ONE)
                 k.inverse[r] = wp.where(t.inertia_scaling == 1, k.inverse[r], ONE)
+        if whole.concerns(t, k, o):
+            of_whole(t, k, o)
         if not wp.isfinite(finite):
             return finite, n
         share_units(t, k, o, UNLIKE * own < size)

@@ -17,6 +17,7 @@ from ...generic.derivatives.system import make_system
 from ...generic.derivatives.tables import Groups, Slopes
 from ...generic.linear.envelope import make_envelope
 from ...generic.motion.mechanism import COLUMN, make_mechanism
+from ...generic.motion.whole import make_whole
 from ...generic.step import make_step
 from ...generic.topology import CONTACT, TURN, Topology, place
 from ...generic.work import LANES, ROWS, SETTLED, WORK, Slot
@@ -27,6 +28,7 @@ from .curves import Curves
 from .room import OLD, Room, View
 from .spans import make_spans
 from .step import make_step_adjoint
+from .tendons import make_clamped
 
 STEP = 2.0**-21  # of a radian or of a length of the scene, times the root of how many of these q is
 PART = 1e-3  # of a spring's length now, rounded at zero: no step is longer
@@ -47,7 +49,7 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
     system = make_system(given, residual) if contacts else None
     bend = None if hard or not contacts else make_smoothing(WORK, residual).bend
     dual, env, coriolis = adjoint.dual, make_envelope(), make_coriolis(given, residual)
-    number = make_mechanism(given).number
+    number, clamped, whole = make_mechanism(given).number, make_clamped(given), make_whole(given)
     spans, LONG = make_spans(given, False), WORK(PART / STEP)
     RADIUS, OFFSET, LENGTH = (COLUMN[name] for name in ("radius", "shape_offset", "spring_length"))
     ZERO, ONE, TWO, HALF = WORK(0.0), WORK(1.0), WORK(2.0), WORK(0.5)
@@ -133,12 +135,14 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
         for i in range(k.mass.shape[0]):
             k.mass_factor[i] = k.mass[i]
         env.factor(k.mass_factor, t.mass_first, t.mass_at, 0, t.blocks)
+        whole.exchange(t, k)
         for n_th in range(n):
             r = room.factor.row[b, n_th]
             if k.acting[r] > 0:
                 dual.response(t, k, r)
                 k.scale[r] = wp.max(dual.along(t, k, k.move, r), WORK(LEAST))
                 k.lam[r] = e.strength[b, n_th] / k.scale[r]
+        whole.exchange(t, k)
 
     @wp.func(inline=False)
     def configure(
@@ -151,6 +155,8 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             k.v0[j] = w.rates[wp.static(OLD) * t.nv + j]
         step.begin(t, k, external, world)
         if t.limited > 0:
+            if wp.static(contacts and not hard):
+                whole.keep(t, k)
             step.tense(t, k)
         if wp.static(contacts):
             contact.move_shapes(t, k)
@@ -323,6 +329,9 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             return int(0)
         if wp.static(contacts):
             of_rows(t, k, room, w, e, b, n)
+        if t.limited > 0:
+            adjoint.rates(t, k, w)
+            clamped(t, k, w, e, b)
         length = length_of(t, k)
         for c in range(t.nv):
             of_configuration(t, k, g, room, w, e, b, n, c, length, external, world, leaps)

@@ -119,10 +119,10 @@ def make_motion(given: type, graded: bool) -> SimpleNamespace:
         if t.actuator[i] >= 0:
             p = w.rates[wp.static(DUAL) * t.nv + t.actuator[i]]
         else:
-            if tendons.is_steady(t, k, -1 - t.actuator[i]):
-                return wp.float64(0.0)
-            p = tendons.felt(t, k, w, -1 - t.actuator[i])
-            tendons.pulled(t, k, w, -1 - t.actuator[i], -h * gear * u)
+            tendon = -1 - t.actuator[i]
+            part = tendons.slope(t, k, tendon)
+            p = part * tendons.felt(t, k, w, tendon)
+            tendons.pulled(t, k, w, tendon, -h * part * gear * u)
         add(t, w, GEAR, i, -h * p * u)
         add(t, w, H, 0, -gear * p * u)
         return -h * gear * p

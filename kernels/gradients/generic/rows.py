@@ -11,6 +11,7 @@ import warp as wp
 from ...factories import cached
 from ...generic.contact import make_contact
 from ...generic.derivatives.tables import Groups
+from ...generic.motion.whole import make_whole
 from ...generic.rows.overlaps import ROOM, STAYS
 from ...generic.topology import BLOCK, CONTACT, LONG, LOWER, Topology
 from ...generic.work import ROWS, WORK, Slot
@@ -32,7 +33,7 @@ def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
     move = motion.twists
     z = move.solved
     number, add = z.number, z.add
-    contact = make_contact(given, residual)
+    contact, whole = make_contact(given, residual), make_whole(given)
     H, SIGMA, LOW, UP, FRICTION, RESTITUTION = (
         z.COLUMN[n] for n in ("step_size", "sigma", "lower", "upper", "friction", "restitution")
     )
@@ -204,6 +205,7 @@ def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
         room: wp.ref[Room],
         w: wp.ref[View],
     ):
+        whole.exchange(t, k)  # of which rows' answers are
         r = int(0)
         while r < k.count[wp.static(ROWS)]:
             i = k.row[r]
@@ -220,6 +222,7 @@ def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
                 if k.acting[r] > 0:
                     limit(t, s, k, w, r)
                 r += 1
+        whole.exchange(t, k)
 
     @wp.func
     def at_edge(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):

@@ -150,7 +150,8 @@ def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tup
 
 
 ONE_SIDED = ("mass", "inertia", "step_size", "sigma", "radius", "damping", "armature", "friction",
-             "spring_damping", "spring_length", "shape_angle", "tendon_damping")  # fmt: skip
+             "spring_damping", "spring_length", "shape_angle", "tendon_damping",
+             "tendon_force_sigma")  # fmt: skip
 SHARES = ("restitution",)  # in [0, 1], and at an end of it without differences
 SKIPPED = (
     "axis",

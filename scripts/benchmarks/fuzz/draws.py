@@ -131,6 +131,10 @@ def _tendons(rng: Rng, scene: Scene, mass: Array, h: Array, most: float) -> dict
     slow = np.where(rng.random((n, 1)) < 0.7, decades(rng, -2, 0.75 * most, n, k), 0.0)
     limited = scene.structure.limited
     limits = {"tendon_force_limit": decades(rng, -2, 4, n, k) * pulled} if limited else {}
+    if limited:
+        uncertain = rng.random((n, 1)) < rng.choice([0.0, 0.5, 1.0])
+        noise = np.where(uncertain, decades(rng, -3, 0.5, n, k), 0.0)
+        limits["tendon_force_sigma"] = noise * limits["tendon_force_limit"]
     return limits | {
         "tendon_stiffness": stiffened(rng, scene, decades(rng, 0, 4, n, k), pulled, h),
         "tendon_damping": slow,

@@ -81,6 +81,12 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
     inner = "float64" if sim.strategy == "generic" else dtype
 
     def pose(keep: Array | None) -> Problem:
+        out = of_some(keep)
+        if whole is not None:
+            out.whole = whole if keep is None else whole[keep]
+        return out
+
+    def of_some(keep: Array | None) -> Problem:
         if keep is None and truth is not None and not method.state_noise:
             here = truth
         elif keep is None:
@@ -92,13 +98,15 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
             return Problem(here, here.leap(reached if keep is None else reached[keep]), method, dtype, inner)
         return Problem(here, here.drive(force_there), method, dtype, inner)
 
+    whole: Array | None = None
     problem, done = pose(None), None
     if out is None:
         external = None if force is None else problem.truth.mech.wrenches(worlds.x[:, :nv], force)
         done = step(sim, worlds, numbers, external)
         out = Outcome.of(done)
     if sim.scene.structure.limited:  # as the step's own end has them
-        (full, force), truth = yielding(sim.scene, full, force, out.x), None
+        (full, force), truth = yielding(sim.scene, full, force, out.x, not method.hard), None
+        whole = problem.diag
         problem = pose(None)
     with np.errstate(all="ignore"):
         return Verdicts(problem, out, pose), done

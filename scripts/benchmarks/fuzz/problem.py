@@ -211,7 +211,10 @@ class Problem:
         free: b = J v_free + d/h.
         sigma: noise levels.
         mech, touches: the scene and its contacts as the kernels take them.
+        whole: diag of what D is of, where that is another H.
     """
+
+    whole: Array | None = None
 
     def __init__(
         self, truth: Truth, drive: Drive, method: Method, dtype: str, inner: str | None = None
@@ -384,7 +387,8 @@ class Problem:
     @property
     def scale(self) -> Array:
         """D (B, nr)."""
-        return np.maximum(self.diag, FLOOR) if self.method.inertia_scaling else np.ones(self.diag.shape)
+        diag = self.diag if self.whole is None else self.whole
+        return np.maximum(diag, FLOOR) if self.method.inertia_scaling else np.ones(diag.shape)
 
     def terms(self, velocity: Array) -> Array:
         """Sizes (B, nr) of the terms of J v + d/h for velocities of this size."""

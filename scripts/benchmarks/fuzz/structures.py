@@ -295,7 +295,7 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
             name: float(numbers[f"tendon_{name}"][i]) for name in ("stiffness", "damping", "length")
         }
         if tendon.force_limit is not None:
-            given["force_limit"] = float(numbers["tendon_force_limit"][i])
+            given |= {n: float(numbers[f"tendon_{n}"][i]) for n in ("force_limit", "force_sigma")}
         tendons.append(dataclasses.replace(
             tendon, coordinates=tuple(sorted(tendon.coordinates, key=scene.state_index)),
             coefficients=flat(numbers["tendon_coefficient"][at:end]), **given,

@@ -1,4 +1,4 @@
-"""Tendons whose force has a limit: where a step's own end says that it is reached, it is a force like any."""
+"""Tendons whose force has a limit: what they pull at a step's own end, and how that changes there."""
 
 import dataclasses
 from typing import Any
@@ -30,19 +30,41 @@ def asked(scene: Scene, worlds: Any, after: Array) -> Array:
     return out
 
 
-def yielding(scene: Scene, worlds: Any, force: Array | None, after: Array) -> tuple[Any, Array]:
+def yielding(
+    scene: Scene, worlds: Any, force: Array | None, after: Array, smoothed: bool
+) -> tuple[Any, Array]:
     """Worlds in which tendons that a step to `after` has at their limit pull nothing, and `force` (B, nv)
-    with what they pull in place of that.
+    with what they pull in place of that. Those whose limit is `smoothed` pull in the share in which their
+    mean follows what is asked for.
     """
     s, mech = scene.structure, Mechanics(scene, worlds.numbers)
     numbers = {name: np.array(value) for name, value in worlds.numbers.items()}
     out = np.zeros((len(after), s.nv)) if force is None else force.copy()
-    pulls, limit = asked(scene, worlds, after), mech.p["tendon_force_limit"]
+    pulls = asked(scene, worlds, after)
+    limit, sigma = mech.p["tendon_force_limit"], mech.p["tendon_force_sigma"]
     for i, way in enumerate(mech.ways(len(after))):
         if i in s.limited:
-            at = np.abs(pulls[:, i]) > limit[:, i]
-            out += np.where(at, np.sign(pulls[:, i]) * limit[:, i], 0.0)[:, None] * way
+            f, most = pulls[:, i], limit[:, i]
+            share, force_there = 1.0 * (np.abs(f) <= most), np.clip(f, -most, most)
+            if smoothed:
+                mean, slope = _mean(f, most, sigma[:, i])
+                share = np.where(sigma[:, i] > 0.0, slope, share)
+                force_there = np.where(sigma[:, i] > 0.0, mean, force_there)
+            out += (force_there - share * f)[:, None] * way
             for name in ("stiffness", "damping"):
-                numbers[f"tendon_{name}"][at, i] = 0.0
-            numbers["gear"][np.ix_(at, [a for a, dof in enumerate(s.actuators) if dof == -1 - i])] = 0.0
+                numbers[f"tendon_{name}"][:, i] *= share
+            for a, dof in enumerate(s.actuators):
+                numbers["gear"][:, a] *= share if dof == -1 - i else 1.0
     return dataclasses.replace(worlds, numbers=numbers), out
+
+
+def _mean(f: Array, most: Array, sigma: Array) -> tuple[Array, Array]:
+    """The mean of f under logistic noise, clamped, and its slope: by the integral of the chances to be below
+    either end.
+    """
+    scale = np.where(sigma > 0.0, sigma, 1.0)
+    ends = [np.logaddexp(0.0, (f - end) / scale) for end in (-most, most)]
+    over = [0.5 * (1.0 + np.tanh(0.5 * (f - end) / scale)) for end in (-most, most)]
+    mean = scale * (ends[0] - ends[1]) - most
+    far = np.abs(f) > 40.0 * scale + most  # where the difference of large ones has no digits
+    return np.where(far, np.sign(f) * most, mean), over[0] - over[1]

@@ -41,7 +41,12 @@ def servo(body: Body, stiffness: float, damping: float | None = None, dof: int =
 
 
 def limited_servo(
-    body: Body, stiffness: float, force_limit: float, damping: float | None = None, dof: int = 0
+    body: Body,
+    stiffness: float,
+    force_limit: float,
+    damping: float | None = None,
+    dof: int = 0,
+    force_sigma: float = 0.0,
 ) -> tuple[Tendon, Actuator]:
     """A servo whose force has a limit: a tendon and an actuator, for a scene's `tendons` and `actuators`.
 
@@ -51,21 +56,24 @@ def limited_servo(
     body's name (of a joint of several degrees of freedom NAME_x_servo, as its coordinate is called). Such
     scenes are stepped by generic kernels.
 
-    Where the force is at its limit nothing changes with u: a plan sees no slope there, and a cost of u - q,
-    or a start whose targets are near, helps it.
+    Where the force is at its limit nothing changes with u: a plan sees no slope there. `force_sigma` gives it
+    one, and a cost of u - q, or a start whose targets are near, helps it.
 
     Args:
         body, stiffness, damping, dof: as of `servo`.
         force_limit: > 0 [N, N m]; the parameter "NAME_servo.tendon_force_limit".
+        force_sigma: >= 0 [N, N m], as of a `Tendon`: noise of what is asked for, under smoothed laws.
 
     Raises:
         SceneError: no such degree of freedom, or numbers that cannot be.
     """
     damping = _damping(body, stiffness, damping, dof)
     number("force_limit", force_limit, 0.0, above=True, error=SceneError)
+    number("force_sigma", force_sigma, 0.0, error=SceneError)
     word = DOFS[body.joint][dof]
     name = f"{body.name}_servo" if JOINTS[body.joint] == 1 else f"{body.name}_{word}_servo"
-    tendon = Tendon(name, (f"{body.name}.{word}",), (1.0,), stiffness, damping, force_limit=force_limit)
+    coordinate = f"{body.name}.{word}"
+    tendon = Tendon(name, (coordinate,), (1.0,), stiffness, damping, 0.0, force_limit, force_sigma)
     return tendon, Actuator(gear=stiffness, tendon=name)
 
 

@@ -32,6 +32,7 @@ NAMES = (*PERTURBABLE, *SIGNED)
 OF_NO_BODY = (
     *("step_size", "gravity", "sigma", "spring_stiffness", "spring_damping", "spring_length"),
     *("tendon_stiffness", "tendon_damping", "tendon_length", "tendon_coefficient", "tendon_force_limit"),
+    "tendon_force_sigma",
 )
 
 

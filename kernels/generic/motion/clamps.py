@@ -1,0 +1,53 @@
+"""The mean of a force that is clamped, where what is asked for is uncertain (M65)."""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ...factories import cached
+from ...residual.smoothing import make_smoothing
+from ..work import V2, WORK
+
+FLAT = 1e-60  # less is no slope: squares of what follows from it are numbers
+
+
+@cached
+def make_clamps() -> SimpleNamespace:
+    """clamp(limit, sigma, f) -> (C, dC/df), sigma > 0; by_limit(limit, sigma, f) -> (dC/dlimit, dC/dsigma);
+    bend(limit, sigma, f) -> d2C/df2.
+    """
+    dtype = WORK
+    log1p = make_smoothing(WORK, "logistic").log1p
+    ZERO, ONE, NONE = dtype(0.0), dtype(1.0), dtype(FLAT)
+
+    @wp.func
+    def tail(x: dtype, sigma: dtype):
+        """log(1 + e), e = exp(-|x|/sigma), its slope by log(sigma), and 1/(1 + exp(x/sigma))"""
+        far = wp.abs(x) / sigma
+        e = wp.exp(-far)
+        small = e / (ONE + e)
+        more = wp.where(e > ZERO, far * small, ZERO)
+        return log1p(e), more, wp.where(x > ZERO, small, ONE - small)
+
+    @wp.func
+    def clamp(limit: dtype, sigma: dtype, f: dtype):
+        size = wp.abs(f)
+        above, _a, on = tail(size + limit, sigma)
+        below, _b, off = tail(size - limit, sigma)
+        mean = wp.min(size, limit) + sigma * (above - below)
+        slope = off - on
+        return V2(wp.where(f < ZERO, -mean, mean), wp.where(slope > NONE, slope, ZERO))
+
+    @wp.func
+    def by_limit(limit: dtype, sigma: dtype, f: dtype):
+        above, more, on = tail(f + limit, sigma)
+        below, less, off = tail(f - limit, sigma)
+        return V2(ONE - on - off, above - below + more - less)
+
+    @wp.func
+    def bend(limit: dtype, sigma: dtype, f: dtype):
+        _a, _m, on = tail(f + limit, sigma)
+        _b, _l, off = tail(f - limit, sigma)
+        return (on * (ONE - on) - off * (ONE - off)) / sigma
+
+    return SimpleNamespace(clamp=clamp, by_limit=by_limit, bend=bend)
