@@ -230,8 +230,7 @@ class Parameters(Printed):
         elif array.ndim == 1 and shape:
             array = np.broadcast_to(array.reshape((-1,) + (1,) * len(shape)), (len(array), *shape)).copy()
         else:
-            need = ", ".join(["B", *map(str, shape)])
-            raise ParameterError(f"{name} has shape {array.shape}; give a scalar, {shape}, (B,) or ({need})")
+            raise ParameterError(f"{name} has shape {array.shape}; give {rules.shapes_of(shape)}")
         if name == "axis":
             rules.check_axis(name, array, ParameterError)
         if name == "radius":

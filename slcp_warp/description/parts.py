@@ -370,13 +370,18 @@ def box(
 
 
 def touching(
-    shapes: tuple[Shape, ...], others: tuple[Shape, ...], friction: float | None = None
+    shapes: tuple[Shape, ...],
+    others: tuple[Shape, ...],
+    friction: float | None = None,
+    restitution: float | None = None,
 ) -> tuple[Contact, ...]:
-    """A contact of every one of `shapes` with every one of `others`, each with this `friction`.
+    """A contact of every one of `shapes` with every one of `others`, all with `friction` and `restitution`.
 
     Its shape_a is the one of `others`: normals lead from there, and the pair's name begins with it.
     """
     for name, group in (("shapes", shapes), ("others", others)):
         if not isinstance(group, list | tuple) or not all(isinstance(shape, Shape) for shape in group):
             raise SceneError(f"{name} is {shown(group)}; a tuple of Shape is needed")
-    return tuple(Contact(other.name, shape.name, friction) for other in others for shape in shapes)
+    return tuple(
+        Contact(other.name, shape.name, friction, restitution) for other in others for shape in shapes
+    )

@@ -27,6 +27,7 @@ from .launch import Case, Recorded, worlds_at_once
 from .statistics.source import NOTED
 from .worlds import Worlds
 from .worlds.between import between, observed, steps_of
+from .worlds.clocks import warn_of_steps
 from .worlds.draws import Draws, Given, draws_of_task
 from .worlds.loud import warn_of_noise
 
@@ -103,6 +104,7 @@ class TaskSweep:
             _check_kernels(task, self.policies, next(iter(self.simulators.values())), sizes[0])
         for name, policy in self.policies.items():
             warn_of_noise(name, policy_of(task, policy), task)
+            warn_of_steps(name, policy_of(task, policy), task, sizes, next(iter(self.simulators.values())))
         self.record = Recorded.of(task.scene, record, record_every, task.duration)
         records = self.record.count(task.duration), len(self.record.states)
         parts = []

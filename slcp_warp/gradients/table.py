@@ -12,7 +12,7 @@ from ..description.scene import Scene
 from ..inputs import rules
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
-from ..inputs.rules import COVARIANCES
+from ..inputs.rules import COVARIANCES, shapes_of
 from ..parameters import ParameterError, Parameters
 
 
@@ -148,5 +148,4 @@ def _column(library: Library, name: str, given: Any, shape: tuple[int, ...], siz
         return library.broadcast(value.reshape(len(value), 1), (len(value), size))
     if value.ndim == 1:
         return library.broadcast(value[:, None], (len(value), size))
-    need = ", ".join(["B", *map(str, shape)])
-    raise ParameterError(f"{name} has shape {tuple(value.shape)}; give a scalar, {shape}, (B,) or ({need})")
+    raise ParameterError(f"{name} has shape {tuple(value.shape)}; give {shapes_of(shape)}")

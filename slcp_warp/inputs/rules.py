@@ -120,3 +120,10 @@ def covariance(label: str, array: np.ndarray, size: int, error: type[ArgumentErr
         if np.any(lowest < -1e-12 * np.abs(array).max(axis=(-1, -2))):
             raise error(f"{label} has the eigenvalue {lowest.min()}; a covariance has none below 0")
     return array.copy()
+
+
+def shapes_of(shape: tuple[int, ...]) -> str:
+    """Shapes in which a parameter, or a part of one, may be given, in words."""
+    if not shape:
+        return "a scalar or (B,)"
+    return f"a scalar, {shape}, (B,) or ({', '.join(['B', *map(str, shape)])})"

@@ -12,7 +12,7 @@ from slcp_warp.kernels.policies.function import ARRAYS, Fields, function_kernel
 from ..inputs.arrays import kind_of
 from ..inputs.checks import array, function, shown, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
-from ..inputs.user_code import UNKNOWN, Known, check_indices, of_user
+from ..inputs.user_code import UNKNOWN, Known, check_indices, of_user, reads
 from ..simulator import Simulator
 from .arrays import put
 
@@ -84,6 +84,10 @@ class Function:
             else:
                 setattr(struct, name, put(sim, value, name) if value.ndim else float(value))
         return self._kernel, struct
+
+    def reads_steps(self, sim: Simulator) -> bool:
+        """Whether the control names the number of the step; True where its code is not known."""
+        return reads(self._kernel.functions(sim.nx, sim.nu, sim.dtype).control, ARGUMENTS.index("step"))
 
     def _given(self) -> str:
         """The arrays as a function names them, for errors: "with data.kp, data.ref[i, j]"."""

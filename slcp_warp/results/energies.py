@@ -19,8 +19,9 @@ class Energies(Arrays):
     Attributes:
         kinetic: v' M(q) v / 2, of bodies and of joints' armature.
         potential: -m g . c of all centres of mass c; zero where these are at the world's origin.
-        elastic: of springs of joints, springs between points and tendons, k (l - L)^2 / 2; those with a
-            limit of their force are motors or clutches, and are left out.
+        elastic: of springs of joints, springs between points and tendons, k (l - L)^2 / 2. With a limit F of
+            its force a tendon has F (|l - L| - F/2k) beyond F/k; one that an actuator drives is a motor,
+            whose force the control decides, and is left out.
     """
 
     kinetic: np.ndarray
@@ -76,12 +77,20 @@ def _stretched(bodies: MovingBodies) -> np.ndarray:
         span = bodies.at(b, ends[..., 1, :])[0] - bodies.at(a, ends[..., 0, :])[0]
         length = np.sqrt(np.sum(span**2, -1) + (TAIL[0] * rest + TAIL[1]) ** 2)
         out += 0.5 * bodies.p["spring_stiffness"][..., i] * (length - rest) ** 2
-    start = 0
-    for i, dofs in enumerate(bodies.structure.tendons):
+    s, start = bodies.structure, 0
+    driven = {s.driven_tendon(a) for a in range(s.nu)}
+    for i, dofs in enumerate(s.tendons):
         shares = bodies.p["tendon_coefficient"][..., start : start + len(dofs)]
         start += len(dofs)
-        if i in bodies.structure.limited:
+        if i in s.limited and i in driven:
             continue
-        length = np.sum(shares * bodies.q[..., list(dofs)], -1) - bodies.p["tendon_length"][..., i]
-        out += 0.5 * bodies.p["tendon_stiffness"][..., i] * length**2
+        stiffness = bodies.p["tendon_stiffness"][..., i]
+        force = stiffness * (
+            np.sum(shares * bodies.q[..., list(dofs)], -1) - bodies.p["tendon_length"][..., i]
+        )
+        within = np.abs(force)
+        if i in s.limited:
+            within = np.minimum(within, bodies.p["tendon_force_limit"][..., i])
+        size = np.where(stiffness == 0.0, 1.0, stiffness)
+        out += within * (np.abs(force) - 0.5 * within) / size  # of F and k: by |f|, F (|f| - F/2)/k
     return out

@@ -52,6 +52,26 @@ def test_slopes_of_what_is_elastic_are_forces():
     np.testing.assert_allclose(-np.stack(slopes, -1), forces, atol=1e-7)
 
 
+@pytest.mark.parametrize("limit", [None, 1e3, 30.0])
+def test_a_tendon_that_yields_keeps_what_it_gives(limit):
+    """Two carts on a tendon of 100 N/m, pulled 1 m apart: beyond 30 N it pulls with these."""
+    carts = tuple(Body(name, 1.0, 0.1, joint="prismatic") for name in "ab")
+    cord = Tendon("cord", ("a.shift", "b.shift"), (1.0, -1.0), stiffness=100.0, force_limit=limit)
+    scene = Scene("carts", carts, tendons=(cord,), step_size=1e-4, gravity=(0.0, 0.0))
+    run = slcp.Simulator(scene, dtype="float64").rollout(scene.state({"a.shift": 1.0}), steps=3000)
+    first = 50.0 if limit != 30.0 else 30.0 * (1.0 - 0.5 * 30.0 / 100.0)
+    assert run.energies.elastic[0] == pytest.approx(first, rel=1e-12)
+    np.testing.assert_allclose(run.energies.total, first, rtol=1e-3)
+    assert run.energies.kinetic.max() > 0.5 * first
+
+
+def test_what_a_motor_does_is_no_elastic_energy():
+    body = Body("arm", 1.0, 0.1, joint="prismatic")
+    tendon, motor = slcp.limited_servo(body, 100.0, 5.0)
+    scene = Scene("arm", (body,), actuators=(motor,), tendons=(tendon,))
+    assert slcp.energies(scene.state({"arm.shift": 1.0}), slcp.Parameters(scene)).elastic == 0.0
+
+
 def test_a_pendulum_keeps_its_energy_and_a_damper_takes_it():
     """By the trapezoidal rule, and what a damper takes is the integral of c omega^2."""
     scene = Scene("pendulum", (Body("rod", 1.0, 0.1, com=(0.5, 0.0)),), step_size=1e-3)

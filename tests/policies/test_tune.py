@@ -66,6 +66,9 @@ def test_the_least_force_is_that_of_the_heaviest_worlds_that_count(device):
     flattered = replace(found, best=replace(found.best, success=(0.85, 0.82, 0.88)))
     told = " ".join(str(flattered).split())
     assert "! 90 % are not kept in worlds that the search has not seen" in told
+    few = replace(found, tried=found.tried | {"success_share": 0.5 * found.tried["success_share"]})
+    told = " ".join(str(few).split())
+    assert "! no candidate reached 90 %; the best of them succeeded in 50 % of the search's own" in told
 
 
 def test_the_force_that_reaches_a_mark_most_often(device):
@@ -215,8 +218,10 @@ def test_an_error_of_a_users_function_says_of_which_numbers(device):
     with pytest.raises(ZeroDivisionError) as raised:
         slcp.tune(task(), broken, {"force": (0.0, 1.0)}, device=device)
     assert raised.value.__notes__ == ["policy(force=0.5)"]
-    with pytest.raises(TypeError, match="unexpected keyword"):
+    with pytest.raises(TypeError, match=r"takes \(power\), the numbers are \(force\): missing .* 'power'"):
         slcp.tune(task(), lambda power: push(power), {"force": (0.0, 1.0)}, device=device)
+    with pytest.raises(slcp.ArgumentTypeError, match=r"policy takes \(force, time\), .*\(force\): missing"):
+        slcp.tune(task(), lambda force, time: push(force), {"force": (0.0, 1.0)}, device=device)
 
 
 def test_unsolved_worlds_cost_most_where_a_measure_alone_counts():

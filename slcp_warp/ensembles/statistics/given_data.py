@@ -1,10 +1,12 @@
 """Sensitivity from the rows of a sweep that is there: indices of first order, without running anything.
 
-By what was drawn the worlds are sorted into bins, of equal size in the first block, and the variance of the
-bins' means is compared with the whole one (Plischke, Borgonovo and Smith 2013, "Global sensitivity measures
-from given data"), less what the means vary by chance (epsilon squared, Kelley 1935). What a function varies
-within a bin is missed: there are more bins where there are more worlds. The intervals are from a jackknife
-over groups of worlds.
+By what was drawn the worlds are sorted into bins, of equal size in the first block, and what the bins leave
+of the variance is compared with the whole one (Plischke, Borgonovo and Smith 2013, "Global sensitivity
+measures from given data"), less what they take by chance (epsilon squared, Kelley 1935). A bin takes a line,
+not a mean alone: the slope of a function within the bins, widest at the ends of what is drawn, made the index
+of what matters most too low (.600 for .631 with 400 worlds, and 81 intervals of a hundred held it). What
+bends within a bin is missed: there are more bins where there are more worlds. The intervals are from a
+jackknife over groups of worlds.
 """
 
 import math
@@ -32,10 +34,14 @@ def first_order(source: Source, key: Key, drawn: str, measure: str) -> Interval:
     if bins < 2:
         return math.nan, math.nan, math.nan
     edges = np.unique(known[np.arange(1, bins) * len(known) // bins])
+    middles = known[((np.arange(len(edges) + 1) + 0.5) * len(known) / (len(edges) + 1)).astype(int)]
+    width = known[-1] - known[0] or 1.0
     centre = sum((Moments.of(block[measure]) for block in source.blocks(key, (measure,))), Moments()).mean
-    sums = np.zeros((GROUPS, len(edges) + 1, 3))
+    sums = np.zeros((GROUPS, len(edges) + 1, 6))
     for block in source.blocks(key, (drawn, measure)):
-        sums += _sums(block["world"], block[drawn], np.asarray(block[measure], float) - centre, edges)
+        place = np.searchsorted(edges, block[drawn], side="left")
+        along = (block[drawn] - middles[place]) / width
+        sums += _sums(block["world"], place, along, np.asarray(block[measure], float) - centre, len(middles))
     value, low, high = _interval(sums)
     if measure == "success":
         good = sum(float(np.nansum(block[measure])) for block in source.blocks(key, (measure,)))
@@ -44,15 +50,17 @@ def first_order(source: Source, key: Key, drawn: str, measure: str) -> Interval:
     return value, low, high
 
 
-def _sums(world: np.ndarray, drawn: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """(GROUPS, bins, 3) count, sum and sum of squares of a block's values."""
+def _sums(
+    world: np.ndarray, place: np.ndarray, along: np.ndarray, values: np.ndarray, bins: int
+) -> np.ndarray:
+    """(GROUPS, bins, 6) of a block: counts, sums of the values y and of y^2, of x along the bin, x^2, x y."""
     finite = np.isfinite(values)
-    place = (world % GROUPS) * (len(edges) + 1) + np.searchsorted(edges, drawn, side="left")
-    place, values = place[finite], values[finite]
-    size = GROUPS * (len(edges) + 1)
+    place = ((world % GROUPS) * bins + place)[finite]
+    x, y = along[finite], values[finite]
+    size = GROUPS * bins
     columns = [np.bincount(place, minlength=size)]
-    columns += [np.bincount(place, each, minlength=size) for each in (values, values * values)]
-    return np.stack(columns, axis=-1).reshape(GROUPS, -1, 3)
+    columns += [np.bincount(place, each, minlength=size) for each in (y, y * y, x, x * x, x * y)]
+    return np.stack(columns, axis=-1).reshape(GROUPS, bins, 6)
 
 
 def _interval(sums: np.ndarray) -> Interval:
@@ -66,11 +74,15 @@ def _interval(sums: np.ndarray) -> Interval:
 
 
 def _index(sums: np.ndarray) -> float:
-    """1 - variance within the bins / variance, both unbiased, of (bins, 3) sums."""
+    """1 - variance beside the bins' lines / variance, both unbiased, of (bins, 6) sums."""
     sums = sums[sums[:, 0] > 0]
-    count, total, squares = sums.sum(axis=0)
-    if count <= len(sums):
+    n, y, yy, x, xx, xy = sums.T
+    count, total, squares = n.sum(), y.sum(), yy.sum()
+    spread, slope = xx - x**2 / n, xy - x * y / n
+    leans = (spread > 1e-12 * xx) & (n > 2)  # of others, as of what is drawn from a few numbers, the mean
+    free = count - len(sums) - leans.sum()
+    if free <= 0:
         return math.nan
-    within = (squares - (sums[:, 1] ** 2 / sums[:, 0]).sum()) / (count - len(sums))
+    within = (squares - (y**2 / n).sum() - (slope[leans] ** 2 / spread[leans]).sum()) / free
     variance = (squares - total**2 / count) / (count - 1)
     return float(1.0 - within / variance) if variance > 1e-12 * squares / count else math.nan

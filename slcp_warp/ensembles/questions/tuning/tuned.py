@@ -85,7 +85,13 @@ class Tuned(Printed):
             out.append(
                 f"no better than the first, as far as these worlds tell: by {percents(self.better)} points"
             )
-        if self.share is not None and self.best.success[2] < self.share:
+        most = float(np.max(self.tried["success_share"])) if self.share is not None else 0.0
+        if self.share is not None and most < self.share:
+            out.append(
+                f"no candidate reached {100.0 * self.share:g} %; the best of them succeeded in "
+                f"{100.0 * most:.3g} % of the search's own worlds"
+            )
+        elif self.share is not None and self.best.success[2] < self.share:
             out.append(
                 f"{100.0 * self.share:g} % are not kept in worlds that the search has not seen: in more of "
                 "its own (worlds=), or for a larger share, they are"
