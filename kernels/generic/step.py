@@ -150,11 +150,17 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return status
 
     @wp.func
+    def set_out(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """k.v = v_free; where pairs may bounce that by which they do, whatever yields in this solution."""
+        start = wp.where(t.limited > 0 and t.bounces == 1, t.blocks, 0)
+        for i in range(t.blocks):
+            k.v[i] = k.vfree[start + i]
+
+    @wp.func
     def afresh(t: wp.ref[Topology], k: wp.ref[Slot], patient: int):
         """`contacts` from nothing."""
         forget(t, k)
-        for i in range(t.blocks):
-            k.v[i] = k.vfree[i]
+        set_out(t, k)
         return contacts(t, k, patient)
 
     @wp.func
@@ -197,8 +203,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
             changed = int(1)
             if part == 0:
                 motion.euler(t, k)
-                for i in range(t.blocks):
-                    k.v[i] = k.vfree[i]
+                set_out(t, k)
             elif status == wp.static(SOLVED):
                 changed = motion.leap_on(t, k)
             if changed == 1 and status == wp.static(SOLVED):
@@ -230,6 +235,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         if t.limited > 0:
             tendons.loosen(t, k)
         if wp.static(residual != "none"):
+            if t.limited > 0:
+                tendons.prepare(t, k)
             more = int(1)
             while more == 1:
                 status = touching(t, k, 0, t.leapfrog)

@@ -265,7 +265,7 @@ def lengths(s: Structure) -> dict[str, int]:
     sizes = tables(s)[1]
     pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
     out = dict.fromkeys(("frame", "twist"), s.nb) | {"count": SETTLED + 1}
-    kept = 1 + 2 * len(s.tendons) + 18 * sizes.mass + 3 * sizes.blocks if s.limited else 0
+    kept = 1 + 3 * len(s.tendons) + 18 * sizes.mass + 3 * sizes.blocks if s.limited else 0
     out |= {"numbers": sizes.numbers + kept}
     out |= dict.fromkeys(("q", "v0", "column"), s.nv) | {"shape": 2 * shapes}
     matrices = dict.fromkeys(("mass", "mass_factor"), sizes.mass) | {"jac": sizes.entries}

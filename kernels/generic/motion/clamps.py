@@ -19,6 +19,7 @@ def make_clamps() -> SimpleNamespace:
     dtype = WORK
     log1p = make_smoothing(WORK, "logistic").log1p
     ZERO, ONE, NONE = dtype(0.0), dtype(1.0), dtype(FLAT)
+    HALF, TWO = dtype(0.5), dtype(2.0)
 
     @wp.func
     def tail(x: dtype, sigma: dtype):
@@ -30,11 +31,19 @@ def make_clamps() -> SimpleNamespace:
         return log1p(e), more, wp.where(x > ZERO, small, ONE - small)
 
     @wp.func
+    def less(x: dtype, sigma: dtype):
+        """1 - exp(-x/sigma), x >= 0, with all digits"""
+        t = wp.tanh(HALF * x / sigma)
+        return TWO * t / (ONE + t)
+
+    @wp.func
     def clamp(limit: dtype, sigma: dtype, f: dtype):
         size = wp.abs(f)
-        above, _a, on = tail(size + limit, sigma)
-        below, _b, off = tail(size - limit, sigma)
-        mean = wp.min(size, limit) + sigma * (above - below)
+        near = wp.min(size, limit)
+        _s, _a, on = tail(size + limit, sigma)
+        _t, _b, off = tail(size - limit, sigma)
+        e = wp.exp(-wp.abs(size - limit) / sigma)
+        mean = near + sigma * log1p(-e * less(TWO * near, sigma) / (ONE + e))  # s(f + F) - s(f - F) - F
         slope = off - on
         return V2(wp.where(f < ZERO, -mean, mean), wp.where(slope > NONE, slope, ZERO))
 

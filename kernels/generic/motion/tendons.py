@@ -5,8 +5,8 @@ f = pull - k (c.(q + h/2 (v' - v)) - L) - d c.v', springs, dampers and controls 
 clamped to the limit (M64) or, under smoothed laws with a sigma, the mean of that (M65). A step has of it a
 line, C(g) + C'(g) (f - g), by which M has C' of the tendon's part; the g is found with v'. Of a clamp it is
 one of three, -1 or 1 where it yields to one side, 0 where it does not. Behind the parameters in k.numbers
-are, of every tendon, its g and what controls pull, how often that was looked at, then M and the forces
-without the tendons that have a limit, and what `whole.py` keeps.
+are, of every tendon, its g and what controls pull, how often that was looked at, the f of then, M and the
+forces without the tendons that have a limit, and what `whole.py` keeps.
 """
 
 from types import SimpleNamespace
@@ -21,7 +21,7 @@ from .clamps import make_clamps
 from .free_motion import make_free_motion
 from .mechanism import COLUMN, make_mechanism
 
-TOGETHER, MOST = 8.0, 64.0  # looks in which all tendons change at once; then one does, up to so many
+EAGER, TOGETHER, MOST = 16, 32.0, 128.0  # looks by whole steps, in which all clamps change at once, at most
 ROUNDING, NEAR = 1e-13, 1e-9  # of a force's terms, and of its limit: by so much it may be beyond and is not
 MET = 1e-14  # of the limit: by so much a line may miss the mean
 
@@ -30,11 +30,12 @@ MET = 1e-14  # of the limit: by so much a line may miss the mean
 def make_tendons(given: type) -> SimpleNamespace:
     """act(t, k): forces of tendons without a limit, and what they add to M. control_force(t, k, i, u): of an
     actuator. With limits: loosen(t, k), before a step is solved, finds what yields by the motion without
-    contact; after it settle(t, k, 0) -> 1 if other ones yield at k.v, by which M and forces are again;
-    is_settled(t, k) -> 0 if too many looks were not enough. tense(t, k): what those that have a limit do, by
-    line(t, k, i) = (C', C - C' g) at guess(t, k, i) = g; slope(t, k, i): C', 1 of others; sigma_of(t, k, i),
-    0: a clamp. stretch(t, k, i, part): as if without a limit. hold(t, k, back): M and the forces as they are,
-    kept and had back.
+    contact; prepare(t, k) keeps that behind k.vfree, and contact has looks of its own; after it settle(t, k,
+    0) -> 1 if other ones yield at k.v, by which M and forces are again; is_settled(t, k) -> 0 if too many
+    looks were not enough. tense(t, k): what those that have a limit do, by line(t, k, i) = (C', C - C' g) at
+    guess(t, k, i) = g, found(t, k, i) = f; slope(t, k, i): C', 1 of others; sigma_of(t, k, i), 0: a clamp.
+    stretch(t, k, i, part): as if without a limit. hold(t, k, back): M and the forces as they are, kept and
+    had back.
     """
     dtype = WORK
     mech, motion, clamp = make_mechanism(given), make_free_motion(given), make_clamps().clamp
@@ -43,11 +44,17 @@ def make_tendons(given: type) -> SimpleNamespace:
     OF_TENDON = ("stiffness", "damping", "length", "coefficient", "force_limit", "force_sigma")
     TENSION, SLOWING, SLACK, SHARE_OF, LIMIT, SIGMA = (COLUMN[f"tendon_{n}"] for n in OF_TENDON)
     ZERO, ONE, PART = dtype(0.0), dtype(1.0), dtype(SHARE)
+    HALF = dtype(0.5)
 
     @wp.func
     def guess(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
         """The g of tendon i."""
         return k.numbers[t.width + i]
+
+    @wp.func
+    def found(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
+        """What was asked of tendon i, f, when that was looked at last; g may be another point of its line."""
+        return k.numbers[t.width + 2 * t.tendons + 1 + i]
 
     @wp.func
     def sigma_of(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
@@ -141,7 +148,7 @@ def make_tendons(given: type) -> SimpleNamespace:
     @wp.func(inline=False)
     def hold(t: wp.ref[Topology], k: wp.ref[Slot], back: int):
         """Keep M and the forces as they are; or have them back as they were kept."""
-        at = t.width + 2 * t.tendons + 1
+        at = t.width + 3 * t.tendons + 1
         for i in range(k.mass.shape[0]):
             for n in range(9):
                 if back == 1:
@@ -209,12 +216,17 @@ def make_tendons(given: type) -> SimpleNamespace:
         lost = dtype(ROUNDING) * f[1]  # of f, of which the line misses the square
         if miss <= dtype(MET) * limit + lost * wp.min(c[0], lost / sigma):
             return here
-        return wp.where(f[0] * here < ZERO, ZERO, f[0])
+        if f[0] * here < ZERO:
+            return ZERO
+        looks = int(k.numbers[t.width + 2 * t.tendons])
+        half = looks >= EAGER and looks % 8 < 4  # then again as far as they lead
+        return here + wp.where(half, HALF, ONE) * (f[0] - here)
 
     @wp.func(inline=False)
     def look(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
         """The g of tendon i by k.v; apart from `settle`, for 208 registers on sm_90."""
         f = asked(t, k, i)
+        k.numbers[t.width + 2 * t.tendons + 1 + i] = f[0]
         sigma = sigma_of(t, k, i)
         if sigma > ZERO:
             return nearer(t, k, i, sigma, f)
@@ -229,10 +241,11 @@ def make_tendons(given: type) -> SimpleNamespace:
         looks = t.width + 2 * t.tendons
         out = int(0)
         for i in range(t.tendons):
-            if t.tendon_limited[i] == 1 and (out == 0 or k.numbers[looks] < dtype(TOGETHER)):
-                found = look(t, k, i)
-                if found != guess(t, k, i):
-                    k.numbers[t.width + i] = found
+            single = k.numbers[looks] >= dtype(TOGETHER) and sigma_of(t, k, i) == ZERO
+            if t.tendon_limited[i] == 1 and (out == 0 or not single):
+                other = look(t, k, i)
+                if other != guess(t, k, i):
+                    k.numbers[t.width + i] = other
                     out = int(1)
         again(t, k)
         k.numbers[looks] = k.numbers[looks] + ONE
@@ -254,9 +267,18 @@ def make_tendons(given: type) -> SimpleNamespace:
             motion.euler(t, k)
             more = settle(t, k, 1)
 
+    @wp.func
+    def prepare(t: wp.ref[Topology], k: wp.ref[Slot]):
+        for i in range(t.blocks):
+            k.vfree[t.blocks + i] = k.vfree[i]
+        if is_settled(t, k) == 1:
+            k.numbers[t.width + 2 * t.tendons] = ZERO
+
     return SimpleNamespace(
+        prepare=prepare,
         act=act,
         guess=guess,
+        found=found,
         line=line,
         slope=slope,
         sigma_of=sigma_of,

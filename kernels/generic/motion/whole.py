@@ -39,7 +39,7 @@ def make_whole(given: type) -> SimpleNamespace:
     @wp.func(inline=False)
     def swap(t: wp.ref[Topology], k: wp.ref[Slot], b: int):
         """A block's row of both factors."""
-        start = t.width + 2 * t.tendons + 1 + 9 * k.mass.shape[0] + 3 * t.blocks
+        start = t.width + 3 * t.tendons + 1 + 9 * k.mass.shape[0] + 3 * t.blocks
         for i in range(t.mass_at[b] + t.mass_first[b], t.mass_at[b] + b + 1):
             for n in range(9):
                 value = k.numbers[start + 9 * i + n]

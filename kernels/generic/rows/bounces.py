@@ -19,14 +19,16 @@ def make_bounces(given: type) -> SimpleNamespace:
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
 
     @wp.func
-    def normal_rate(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, r: int, x: wp.ref[wp.array(dtype=V3)]):
-        """J_n x of a pair whose first row is r."""
+    def normal_rate(
+        t: wp.ref[Topology], k: wp.ref[Slot], pair: int, r: int, x: wp.ref[wp.array(dtype=V3)], start: int
+    ):
+        """J_n x of a pair whose first row is r, x from `start` on."""
         out = dtype(0.0)
         rows = t.pair_row[pair + 1] - t.pair_row[pair]
         for i in range(r, r + rows):
             at = k.pattern[i]
             for e in range(k.entry[i], k.entry[i + 1]):
-                out += wp.dot(k.jac[e], x[t.row_block[at]])
+                out += wp.dot(k.jac[e], x[start + t.row_block[at]])
                 at += 1
         return out / dtype(rows)
 
@@ -41,8 +43,9 @@ def make_bounces(given: type) -> SimpleNamespace:
         e = wp.min(number(t, k, RESTITUTION, pair), ONE)
         if not (e > ZERO):
             return rate
-        meets = normal_rate(t, k, pair, r, k.before)
-        change = normal_rate(t, k, pair, r, k.vfree) - meets
+        meets = normal_rate(t, k, pair, r, k.before, 0)
+        free = wp.where(t.limited > 0, t.blocks, 0)  # where forces with a limit lead without contact
+        change = normal_rate(t, k, pair, r, k.vfree, free) - meets
         if not (rate + meets + change <= ZERO and -meets > TWO * wp.abs(change)):
             return rate
         k.bounce[pair] = e

@@ -188,7 +188,7 @@ def make_rows(given: type, residual: str, graded: bool) -> SimpleNamespace:
         bounce = bounce_of(t, k, start)
         if bounce > ZERO:  # J v' + e J_n v in place of d/h
             y = touch.include(t, k, w, pair, g, wp.static(OLD), bounce * gap, ZERO, ZERO, y)
-            add(t, w, RESTITUTION, pair, gap * contact.normal_rate(t, k, pair, start, k.before))
+            add(t, w, RESTITUTION, pair, gap * contact.normal_rate(t, k, pair, start, k.before, 0))
             gap = ZERO
         gap = gap / number(t, k, H, 0)
         by_friction = touch.settle(t, room.disc, k, w, pair, g, gap, y)

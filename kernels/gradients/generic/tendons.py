@@ -58,10 +58,9 @@ def make_tendons(given: type, graded: bool) -> SimpleNamespace:
         h = number(t, k, H, 0)
         p = felt(t, k, w, i)
         sigma = pulling.sigma_of(t, k, i)
-        f = pulling.guess(t, k, i)
-        by = wp.vec2d(f, ZERO)
+        by = wp.vec2d(pulling.guess(t, k, i), ZERO)
         if sigma > ZERO:
-            by = by_limit(number(t, k, LIMIT, i), sigma, f)
+            by = by_limit(number(t, k, LIMIT, i), sigma, pulling.found(t, k, i))
         add(t, w, LIMIT, i, -h * by[0] * p)
         add(t, w, NOISE, i, -h * by[1] * p)
         force = line(t, k, i)[1]
@@ -174,7 +173,7 @@ def make_clamped(given: type) -> wp.Function:
                 felt = ZERO + ZERO
                 for at in range(t.tendon_start[i], t.tendon_start[i + 1]):
                     felt += number(t, k, SHARE_OF, at) * w.rates[wp.static(DUAL) * t.nv + t.tendon_dof[at]]
-                bent = bend(number(t, k, LIMIT, i), sigma, tendons.guess(t, k, i))
+                bent = bend(number(t, k, LIMIT, i), sigma, tendons.found(t, k, i))
                 curve = -number(t, k, H, 0) * felt * bent
                 asks(t, k, e, b, i)
                 for n in range(width):

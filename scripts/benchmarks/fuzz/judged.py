@@ -14,7 +14,7 @@ from slcp_warp.options import Options, Status
 from ..mechanics.yielding import yielding
 from .draws import Worlds
 from .judge import Outcome
-from .problem import Problem, Truth
+from .problem import EPSILON, Problem, Truth
 from .proofs import least_motion, least_push
 from .verdicts import HOLDS, Verdicts
 
@@ -93,23 +93,42 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
             here = Truth(sim.scene, full, force)
         else:
             here = Truth(sim.scene, full.part(keep), None if force is None else force[keep])
+        if meets is not None:
+            here.meets = meets if keep is None else meets[keep]
         force_there = push if keep is None or push is None else push[keep]
         if reached is not None:
             return Problem(here, here.leap(reached if keep is None else reached[keep]), method, dtype, inner)
         return Problem(here, here.drive(force_there), method, dtype, inner)
 
     whole: Array | None = None
+    meets: Array | None = None
     problem, done = pose(None), None
     if out is None:
         external = None if force is None else problem.truth.mech.wrenches(worlds.x[:, :nv], force)
         done = step(sim, worlds, numbers, external)
         out = Outcome.of(done)
     if sim.scene.structure.limited:  # as the step's own end has them
-        (full, force), truth = yielding(sim.scene, full, force, out.x, not method.hard), None
+        rounding = EPSILON[dtype]
+        if sim.scene.structure.bounces:
+            meets = _unhindered(sim.scene, full, force, not method.hard)
+        (full, force), truth = yielding(sim.scene, full, force, out.x, not method.hard, rounding), None
         whole = problem.diag
         problem = pose(None)
     with np.errstate(all="ignore"):
         return Verdicts(problem, out, pose), done
+
+
+def _unhindered(scene: Scene, worlds: Worlds, force: Array | None, smoothed: bool) -> Array:
+    """v_free (B, nv) where forces have limits: by what they are at its end."""
+    nv, end = scene.nv, worlds.x.copy()
+    for k in range(200):
+        there, push = yielding(scene, worlds, force, end, smoothed, 0.0)
+        move = Truth(scene, there, push).drive().free - end[:, nv:]
+        end[:, nv:] += move * (1.0 if k < 20 else 0.5)
+        if (np.abs(move) <= 1e-12 * (1.0 + np.abs(end[:, nv:]))).all():
+            break
+    out: Array = end[:, nv:]
+    return out
 
 
 def led(sim: Any, worlds: Worlds) -> tuple[Array, Array]:

@@ -1,9 +1,8 @@
 """One step of many worlds as the oracle sees it: the rows, what drives them, and the sizes of both.
 
 Euler: H v' = M v + h f + J' lambda with H = M and f = r + u where damping is explicit, H = M + h C and f = r
-+ u + C v where it is implicit; with implicit stiffness M + h^2/2 K for M. Sizes are what a rounding error is
-relative to. They come from the data (the state, the numbers, the free velocity) and never from the answer
-that is judged.
++ u + C v where it is implicit; with implicit stiffness M + h^2/2 K for M. Sizes, which a rounding error is
+relative to, come from the data (state, numbers, free velocity) and never from the answer that is judged.
 """
 
 import copy
@@ -62,12 +61,12 @@ class Drive:
 
 class Truth:
     """The oracle's account of worlds before a step, under generalised forces `force` (B, nv) beside the
-    scene's own; methods share it.
+    scene's own; methods share it. `meets`: v_free by which pairs bounce, if another one.
     """
 
     def __init__(self, scene: Scene, worlds: Worlds, force: Array | None = None) -> None:
         self.scene, self.s, self.worlds = scene, scene.structure, worlds
-        self.mech = Mechanics(scene, worlds.numbers)
+        self.mech, self.meets = Mechanics(scene, worlds.numbers), None
         nv = self.s.nv
         self.q, self.v = worlds.x[:, :nv], worlds.x[:, nv:]
         self.h = np.broadcast_to(self.mech.h, (len(self.q),))

@@ -20,11 +20,12 @@ def met(p: Any) -> tuple[Array, Array, Array]:
     """By pair (B, pairs) of a `Problem`: e J_n v, whether it bounces, whether rounding may decide that."""
     truth, touches = p.truth, p.touches
     e = np.minimum(truth.mech.p["restitution"], 1.0) + np.zeros(touches.gap.shape)
-    speed, free = (np.einsum("bpj,bj->bp", touches.normal, v) for v in (truth.v, p.drive.free))
+    unhindered = p.drive.free if truth.meets is None else truth.meets
+    speed, free = (np.einsum("bpj,bj->bp", touches.normal, v) for v in (truth.v, unhindered))
     closes = limited(p.method.depenetration_speed, touches.gap / truth.h[:, None]) + free
     quick = -speed - RESTS * np.abs(free - speed)
     bounces = (e > 0.0) & (closes <= 0.0) & (quick > 0.0)
-    moved = np.abs(truth.v) + np.abs(p.drive.free)
+    moved = np.abs(truth.v) + np.abs(unhindered)
     doubt = np.abs(touches.gap) / truth.h[:, None]
     doubt = doubt + p.loose * touches.size / truth.h[:, None]
     doubt = doubt + 2.0 * RESTS * np.einsum("bpj,bj->bp", np.abs(touches.normal), moved)

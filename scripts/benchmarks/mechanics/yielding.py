@@ -16,41 +16,49 @@ def asked(scene: Scene, worlds: Any, after: Array) -> Array:
     tendons): by its controls, its spring half a step on, its damper at the step's end or, where a scene wants
     that, at its beginning.
     """
+    return _asked(scene, worlds, after)[0]
+
+
+def _asked(scene: Scene, worlds: Any, after: Array) -> tuple[Array, Array]:
+    """The same, and the sizes of what of it hangs on the velocities after the step."""
     mech, s = Mechanics(scene, worlds.numbers), scene.structure
     q, v, new, h = worlds.x[:, : s.nv], worlds.x[:, s.nv :], after[:, s.nv :], mech.h[:, None]
-    out = np.zeros((len(q), len(s.tendons)))
+    out, moved = np.zeros((len(q), len(s.tendons))), np.zeros((len(q), len(s.tendons)))
     for i, way in enumerate(mech.ways(len(q))):
         k, d = mech.p["tendon_stiffness"][:, i], mech.p["tendon_damping"][:, i]
-        place = q + 0.5 * h * (new - v) * (k > 0.0)[:, None] * mech.stiff
-        out[:, i] -= k * (np.sum(way * place, -1) - mech.p["tendon_length"][:, i])
+        late = 0.5 * h * (k > 0.0)[:, None] * mech.stiff
+        out[:, i] -= k * (np.sum(way * (q + late * (new - v)), -1) - mech.p["tendon_length"][:, i])
         out[:, i] -= d * np.sum(way * (new if mech.implicit else v), -1)
+        moved[:, i] = np.sum(np.abs(way * new * (np.abs(k)[:, None] * late + d[:, None] * mech.implicit)), -1)
     for a, dof in enumerate(s.actuators):
         if dof < 0:
             out[:, -1 - dof] += mech.p["gear"][:, a] * worlds.u[:, a]
-    return out
+    return out, moved
 
 
 def yielding(
-    scene: Scene, worlds: Any, force: Array | None, after: Array, smoothed: bool
+    scene: Scene, worlds: Any, force: Array | None, after: Array, smoothed: bool, rounding: float
 ) -> tuple[Any, Array]:
-    """Worlds in which tendons that a step to `after` has at their limit pull nothing, and `force` (B, nv)
-    with what they pull in place of that. Those whose limit is `smoothed` pull in the share in which their
-    mean follows what is asked for.
+    """Worlds in which tendons pull of what is asked for the share that their limit leaves by a step to
+    `after`, and `force` (B, nv) with what they pull beside that: of a clamp all or nothing, of a `smoothed`
+    limit the slope of its mean. What is asked for is known but for what the states' `rounding` makes of
+    it: of all that it may be the share is the largest.
     """
     s, mech = scene.structure, Mechanics(scene, worlds.numbers)
     numbers = {name: np.array(value) for name, value in worlds.numbers.items()}
     out = np.zeros((len(after), s.nv)) if force is None else force.copy()
-    pulls = asked(scene, worlds, after)
+    pulls, moved = _asked(scene, worlds, after)
     limit, sigma = mech.p["tendon_force_limit"], mech.p["tendon_force_sigma"]
     for i, way in enumerate(mech.ways(len(after))):
         if i in s.limited:
-            f, most = pulls[:, i], limit[:, i]
-            share, force_there = 1.0 * (np.abs(f) <= most), np.clip(f, -most, most)
+            at = np.sign(pulls[:, i]) * np.maximum(np.abs(pulls[:, i]) - rounding * moved[:, i], 0.0)
+            most = limit[:, i]
+            share, pulled = 1.0 * (np.abs(at) <= most), np.clip(at, -most, most)
             if smoothed:
-                mean, slope = _mean(f, most, sigma[:, i])
+                mean, slope = _mean(at, most, sigma[:, i])
                 share = np.where(sigma[:, i] > 0.0, slope, share)
-                force_there = np.where(sigma[:, i] > 0.0, mean, force_there)
-            out += (force_there - share * f)[:, None] * way
+                pulled = np.where(sigma[:, i] > 0.0, mean, pulled)
+            out += (pulled - share * at)[:, None] * way
             for name in ("stiffness", "damping"):
                 numbers[f"tendon_{name}"][:, i] *= share
             for a, dof in enumerate(s.actuators):
