@@ -66,7 +66,8 @@ class Truth:
 
     def __init__(self, scene: Scene, worlds: Worlds, force: Array | None = None) -> None:
         self.scene, self.s, self.worlds = scene, scene.structure, worlds
-        self.mech, self.meets = Mechanics(scene, worlds.numbers), None
+        self.mech = Mechanics(scene, worlds.numbers)
+        self.meets: Array | None = None
         nv = self.s.nv
         self.q, self.v = worlds.x[:, :nv], worlds.x[:, nv:]
         self.h = np.broadcast_to(self.mech.h, (len(self.q),))
