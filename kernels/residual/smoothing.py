@@ -55,7 +55,7 @@ def make_smoothing(dtype: type, residual: str) -> Smoothing:
 
     @wp.func
     def log1p(x: dtype):
-        # log(1 + x) for x >= 0, with the rounding of 1 + x put back to first order
+        # log(1 + x) for x >= -1/2, with the rounding of 1 + x put back to first order
         y = ONE + x
         return wp.log(y) + (x - (y - ONE)) / y
 

@@ -128,15 +128,15 @@ def borne(sc, impulse):
 
 @pytest.mark.parametrize("discs,width", [(15, 0.84), (60, 1.68)])
 def test_what_lies_still_stays_without_a_last_step(discs, width):
-    """A heap at rest is solved by modes where it is small, from the convex solution where it is large. Discs
-    in it may go on turning each other as gears do, which nothing brakes: on some processors some do.
+    """A heap at rest is solved by modes where it is small, from the convex solution where it is large. It is
+    put at rest: discs may go on turning each other as gears do, which nothing brakes.
     """
     sc = slcp.scenes.heap(discs, width=width)
     x = rolled(sc, sc.x0[None], 300).states[:, -1]
-    assert np.abs(x[0, sc.nv :]).max() < 1e-3
+    x[:, sc.nv :] = 0.0
     run = rolled(sc, x, 1)
     assert run.status[0] == slcp.Status.SOLVED
-    assert np.abs(run.states[0, -1, sc.nv :] - x[0, sc.nv :]).max() < 1e-8
+    assert np.abs(run.states[0, -1, sc.nv :]).max() < 1e-8
     np.testing.assert_allclose(borne(sc, run.impulse[0, -1]), discs * 9.81 * 0.01, rtol=1e-7)
 
 

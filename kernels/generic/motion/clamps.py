@@ -50,8 +50,8 @@ def make_clamps() -> SimpleNamespace:
     @wp.func
     def by_limit(limit: dtype, sigma: dtype, f: dtype):
         above, more, on = tail(f + limit, sigma)
-        below, less, off = tail(f - limit, sigma)
-        return V2(ONE - on - off, above - below + more - less)
+        below, beyond, off = tail(f - limit, sigma)
+        return V2(ONE - on - off, above - below + more - beyond)
 
     @wp.func
     def bend(limit: dtype, sigma: dtype, f: dtype):

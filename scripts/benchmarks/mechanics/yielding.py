@@ -67,8 +67,8 @@ def yielding(
 
 
 def _mean(f: Array, most: Array, sigma: Array) -> tuple[Array, Array]:
-    """The mean of f under logistic noise, clamped, and its slope: by the integral of the chances to be below
-    either end.
+    """The mean of f under logistic noise, clamped, and its slope, the chance to be between the ends: the mean
+    is the integral of that.
     """
     scale = np.where(sigma > 0.0, sigma, 1.0)
     ends = [np.logaddexp(0.0, (f - end) / scale) for end in (-most, most)]
