@@ -1,5 +1,6 @@
 """Any task by the same commands: plan, run, library, sweep, comparison, pictures."""
 
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +25,13 @@ from slcp_warp.scripts.watch.engine import Engine
 from slcp_warp.scripts.watch.scenario import buttons_of
 from slcp_warp.scripts.watch.world import Subject
 
-TOML = Path(__file__).parents[2] / "examples" / "tasks" / "shove.toml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "tasks" / "shove.toml"
+# The block stops for certain: of plans with the example's weight, alike in cost, roundings choose one whose
+# worlds stop in time in .72 to .97 of all.
+STOPS = 'weight = 200.0, state = "block.vx"'
+TOML = Path(tempfile.mkdtemp()) / "shove.toml"
+TOML.write_text(EXAMPLE.read_text().replace('weight = 20.0, state = "block.vx"', STOPS))
+assert STOPS in TOML.read_text()
 
 
 def end_to_end(task, folder, worlds: int, plans: int, *made) -> Path:
@@ -67,8 +74,7 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
     parts = check(slcp.load_task(TOML), end_to_end(TOML, tmp_path, 64, 4, "--passes", 3), 64)
     for case in ("smoothed", "hard"):
         found = parts["plan", case, 0.02, "disturbed"]
-        # of several minima a processor's roundings choose one: .72 of its worlds on one, above .8 on others
-        assert found["success"].mean() > 0.6 and np.ptp(found["drawn_block.mass"]) > 0.2
+        assert found["success"].mean() > 0.8 and np.ptp(found["drawn_block.mass"]) > 0.2
         assert parts["plan", case, 0.02, "undisturbed"]["success"].all()
         other = parts["library", case, 0.02, "disturbed"]
         np.testing.assert_array_equal(found["drawn_block.mass"], other["drawn_block.mass"])  # the same worlds
