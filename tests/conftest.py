@@ -113,7 +113,7 @@ test_task_commands test_published test_planning test_gpu_code test_cli test_fing
 test_mpc test_bench test_car test_diagram_studies test_tumbling test_stationary test_kept_libraries
 test_rare test_cancelling_impulses test_opposed_impulses test_modes test_task_sweep test_multistart_chunks
 test_library test_gradients test_many test_refinement test_sampling test_auto test_stored_sweep
-test_trajectory test_stored_commands test_aligned test_passed_on
+test_trajectory test_stored_commands test_aligned test_passed_on test_docs
 """.split()
 
 
