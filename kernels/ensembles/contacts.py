@@ -11,13 +11,14 @@ FAR = 1e300  # distance where there is none [m]
 
 
 @cached
-def make_contacts(pairs: int, slips: bool, rubs: bool) -> SimpleNamespace:
+def make_contacts(pairs: int, slips: bool, rubs: bool, tendons: int = 0) -> SimpleNamespace:
     """Contacts of a step as vectors over the pairs; `slips`: how fast they slide is among them; `rubs`: their
-    tangential impulses are.
+    tangential impulses are; beside them the forces of so many tendons.
     """
     VP = wp.types.vector(max(pairs, 1), wp.float64)
     VS = wp.types.vector(max(pairs if slips else 0, 1), wp.float64)
     VT = wp.types.vector(max(pairs if rubs else 0, 1), wp.float64)
+    VF = wp.types.vector(max(tendons, 1), wp.float64)
 
     @wp.struct
     class Contacts:
@@ -25,6 +26,7 @@ def make_contacts(pairs: int, slips: bool, rubs: bool) -> SimpleNamespace:
         distance: VP  # [m], with `Users.gaps`
         slip: VS  # [m/s] of what pushes, with `Users.slips`
         rub: VT  # tangential impulse [N s], with `Users.rubs`
+        pull: VF  # of tendons [N, N m], with `Users.pulls`
 
     @wp.func
     def none():
@@ -74,8 +76,12 @@ def make_contacts(pairs: int, slips: bool, rubs: bool) -> SimpleNamespace:
                 total += c.rub[p]
         return total
 
+    @wp.func
+    def pull(c: Contacts, tendon: int):
+        return c.pull[tendon]
+
     return SimpleNamespace(
-        Contacts=Contacts, none=none, push=push, impulse=impulse, gap=gap, slip=slip, rub=rub
+        Contacts=Contacts, none=none, push=push, impulse=impulse, gap=gap, slip=slip, rub=rub, pull=pull
     )
 
 
@@ -89,7 +95,8 @@ def make_listed_contacts() -> SimpleNamespace:
         distance: wp.array(dtype=wp.float64)  # (pairs,) [m], with `Users.gaps`
         slip: wp.array(dtype=wp.float64)  # (pairs,) [m/s] of what pushes, with `Users.slips`
         rub: wp.array(dtype=wp.float64)  # (pairs,) tangential impulse [N s], with `Users.rubs`
-        on: int  # 0: nothing touches
+        pull: wp.array(dtype=wp.float64)  # (tendons,) [N, N m], with `Users.pulls`
+        on: int  # 0: nothing touches or pulls
 
     @wp.func
     def push(c: Contacts, first: int, end: int):
@@ -126,4 +133,12 @@ def make_listed_contacts() -> SimpleNamespace:
             total += c.rub[p]
         return total
 
-    return SimpleNamespace(Contacts=Contacts, push=push, impulse=impulse, gap=gap, slip=slip, rub=rub)
+    @wp.func
+    def pull(c: Contacts, tendon: int):
+        if c.on == 0:
+            return wp.float64(0.0)
+        return c.pull[tendon]
+
+    return SimpleNamespace(
+        Contacts=Contacts, push=push, impulse=impulse, gap=gap, slip=slip, rub=rub, pull=pull
+    )

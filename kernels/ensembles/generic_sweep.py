@@ -9,6 +9,7 @@ import warp as wp
 from ..contact.problem import COLD
 from ..device.compile import of_any_scene
 from ..factories import cached
+from ..generic.motion.pulls import make_pulls
 from ..generic.topology import Topology
 from ..generic.work import ROWS, WORK, Slot, Work, view
 from ..policies.contract import PolicyKernel, make_policy
@@ -35,6 +36,7 @@ def make_generic_sweep_kernel(
     Span, Measures = make_span(given), make_tables(given)
     pushing = make_listed_pushing(given, residual, one.step, users)
     contacts, contacts_of = pushing.contacts, pushing.contacts_of
+    pulling = make_pulls(given, nv, nu) if users.pulls else None
     measures = make_measures(2 * nv, nu, given, contacts, users)
     VX, VU = wp.types.vector(2 * nv, given), wp.types.vector(max(nu, 1), given)
     ZERO, UNUSED = WORK(0.0), WORK(COLD)
@@ -83,10 +85,11 @@ def make_generic_sweep_kernel(
         next: wp.array(dtype=wp.int32),  # (0 or B,)
         t: Topology,
         work: Work,
-        impulse: wp.array2d(dtype=wp.float64),  # (0 or slots, pairs) where contacts are looked at
+        impulse: wp.array2d(dtype=wp.float64),  # (0 or slots, pairs) where contacts or tendons are looked at
         distance: wp.array2d(dtype=wp.float64),
         slips: wp.array2d(dtype=wp.float64),
         rubs: wp.array2d(dtype=wp.float64),
+        pulls: wp.array2d(dtype=wp.float64),  # (0 or slots, tendons)
         c: Conditions,
         e: Events,
         params: wp.array2d(dtype=given),  # (B, P)
@@ -116,6 +119,7 @@ def make_generic_sweep_kernel(
             touching.distance = distance[b]
             touching.slip = slips[b]
             touching.rub = rubs[b]
+            touching.pull = pulls[b]
         u = VU()
         begin = int(0)
         end = steps
@@ -162,6 +166,8 @@ def make_generic_sweep_kernel(
                     if impulse.shape[0] > 0:
                         touching.on = 1
                         contacts_of(t, k, touching, h)
+                        if wp.static(pulling is not None):
+                            wp.static(pulling)(t, k, touching.pull, before, u, x)
                 else:
                     noted[i, wp.static(STOPPED)] = time
             if code != wp.static(SOLVED):

@@ -15,12 +15,13 @@ from ..factories import cached
 from .contacts import FAR, TOUCH
 from .disturbances import ROUNDING, SINGLE
 
-SIGNALS = (  # from "slip" on those of contacts whose code is where a measure asks for them
+SIGNALS = (  # from "slip" on those whose code is where a measure asks for them, all but the last of contacts
     *("state", "cosine", "control", "time", "contact", "gap", "impulse", "function", "cost"),
     *("point", "distance", "slip", "tangential_impulse", "normal_force", "tangential_force"),
+    "tendon_force",
 )
 (STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION, COST, POINT, DISTANCE, SLIP, RUB, FORCE,
- RUBBING) = range(len(SIGNALS))  # fmt: skip
+ RUBBING, PULL) = range(len(SIGNALS))  # fmt: skip
 REDUCTIONS = (
     *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest", "accumulated"),
     *("share_of_time", "first_time", "settled", "count"),
@@ -44,6 +45,7 @@ class Users(NamedTuple):
     forces: bool = False  # whether a signal is a force, impulse over step size
     rubs: bool = False  # whether a signal is tangential, impulse or force
     scattered: bool = False  # whether a signal is of pairs that are not one after the other
+    pulls: bool = False  # whether a signal is how hard a tendon pulls
     where: bool = False  # whether a measure counts the steps of a condition alone
 
 
@@ -89,7 +91,7 @@ def make_measures(
         contacts: struct `Contacts` of a step's contacts and what reads it, in float64, of the pairs first,
             ..., end - 1: `push(c, first, end)`, the largest normal impulse; `impulse(c, first, end)`, their
             sum; `gap(c, first, end)`, the lowest distance, FAR where there is no pair; `slip(c, first, end)`,
-            the fastest; `rub(c, first, end)`, tangential impulses together.
+            the fastest; `rub(c, first, end)`, tangential impulses together; `pull(c, i)` of tendon i.
         users: their functions are (x, u, time), of signals of kind FUNCTION.
     """
     Measures = make_tables(dtype)
@@ -170,6 +172,9 @@ def make_measures(
             return contacts.gap(c, place, m.signal[s, 2])
         if kind == wp.static(IMPULSE):
             return contacts.impulse(c, place, m.signal[s, 2])
+        if wp.static(users.pulls):
+            if kind == wp.static(PULL):
+                return contacts.pull(c, place)
         if wp.static(users.slips or users.forces or users.rubs):
             if kind >= wp.static(SLIP):
                 return of_contacts(m, s, h, c)

@@ -26,7 +26,7 @@ def make_pushing(spec: Specialisation, step: Any, users: Any) -> SimpleNamespace
     """
     s, dtype, _ = spec
     t, NP = step.types, len(s.pairs)
-    contacts = make_contacts(NP, users.slips, users.rubs)
+    contacts = make_contacts(NP, users.slips, users.rubs, len(s.tendons) if users.pulls else 0)
     slips = make_slips(spec) if users.slips else None
     FRICTION = layout(s).offset("friction")
     pair_of = [row.index if row.kind == "contact" else -1 for row in s.rows]

@@ -8,6 +8,7 @@ from ..factories import cached
 from ..policies.contract import PolicyKernel, make_policy
 from ..specialisation import Specialisation
 from ..status import NONFINITE, SOLVED
+from ..step.pulls import make_pulls
 from ..step.reach import AFTER
 from ..step.rollout import make_batch
 from ..structure import layout
@@ -40,6 +41,7 @@ def make_sweep_kernel(
     H = layout(s).offset("step_size")
     pushing = make_pushing(spec, step, users)
     contacts, contacts_of = pushing.contacts, pushing.contacts_of
+    pulls = make_pulls(s, dtype) if users.pulls else None
     measures = make_measures(NX, s.nu, dtype, contacts, users)
     VU = wp.types.vector(max(s.nu, 1), dtype)
 
@@ -149,6 +151,8 @@ def make_sweep_kernel(
                     carry.z = sol.z
                     carry.normal = sol.normal
                     touching = contacts_of(world, before, sol, h)
+                    if wp.static(pulls is not None):
+                        touching.pull = wp.static(pulls)(world, before, u, x)
                 else:
                     noted[i, wp.static(STOPPED)] = time
             if code != wp.static(SOLVED):

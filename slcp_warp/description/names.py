@@ -108,6 +108,8 @@ def index_of(label: str, which: int | str, names: Sequence[str]) -> int:
         raise ArgumentError(f"{label} is {shown(which)}; {some(which, names)}")
     if isinstance(which, bool) or not isinstance(which, int):
         raise ArgumentTypeError(f"{label} is {shown(which)}; a name or a whole number is needed")
+    if not names:
+        raise ArgumentError(f"{label} is {which}; there are none")
     if not 0 <= which < len(names):
         raise ArgumentError(f"{label} is {which}; a number from 0 to {len(names) - 1} is needed")
     return which

@@ -183,6 +183,11 @@ class Scene(Printed):
         return names.spring_names(self.springs)
 
     @property
+    def tendon_names(self) -> tuple[str, ...]:
+        """Names of the tendons."""
+        return tuple(tendon.name for tendon in self.tendons)
+
+    @property
     def pair_names(self) -> tuple[str, ...]:
         """Names of the pairs that may touch, `shape_a/shape_b`."""
         return names.pair_names(self.shapes, self.structure.pairs)
@@ -209,6 +214,10 @@ class Scene(Printed):
     def control_index(self, which: int | str) -> int:
         """The place of a control, given by its name or its place."""
         return names.index_of("control", which, self.control_names)
+
+    def tendon_index(self, which: int | str) -> int:
+        """The place of a tendon, given by its name or its place."""
+        return names.index_of("tendon", which, self.tendon_names)
 
     def state(self, values: Mapping[str, Any], base: Any = None) -> np.ndarray:
         """A state (2 nv,) with some components set by name; the others as in `base`, by default `x0`."""

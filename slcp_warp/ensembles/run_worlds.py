@@ -50,9 +50,9 @@ class RunWorlds:
         worlds, stepping, device = len(inputs[3]), sim.kernels.stepping, sim.device
         kernel = sweep_kernel(sim, policy, table, spans=next is not None)
         if isinstance(stepping, GenericKernels):
-            slots = min(worlds, stepping.chunk) if table.looks_at_contacts else 0
-            shape = slots, len(sim.scene.structure.pairs)
-            contacts = [wp.zeros(shape, dtype=wp.float64, device=device) for _ in range(4)]
+            slots, s = min(worlds, stepping.chunk) if table.looks_inside else 0, sim.scene.structure
+            sizes = *(4 * [len(s.pairs)]), len(s.tendons)
+            contacts = [wp.zeros((slots, size), dtype=wp.float64, device=device) for size in sizes]
             own = wp.zeros(0, dtype=wp.int32, device=device) if next is None else next
             self._launch: Callable[[int], None] = lambda last: stepping.launch(
                 kernel, worlds, [last, most, own], [*contacts, *inputs], grain

@@ -50,6 +50,7 @@ from .signals import (
     state,
     tangential_force,
     tangential_impulse,
+    tendon_force,
     time,
 )
 
@@ -87,6 +88,7 @@ __all__ = [
     "state",
     "tangential_force",
     "tangential_impulse",
+    "tendon_force",
     "time",
     "total",
 ]

@@ -15,7 +15,7 @@ from ..description.scene import Scene
 from ..inputs.checks import array, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from .reductions import NOTHING, OF_CONDITIONS, Measure, Success
-from .signals import FORCES, Condition, Signal
+from .signals import FORCES, OF_TENDONS, Condition, Signal
 
 
 def _fastest(slip: np.ndarray) -> np.ndarray:
@@ -33,7 +33,7 @@ REDUCED: dict[str, Callable[[np.ndarray], np.ndarray]] = {  # of pairs (B, N, pa
 }
 SOURCES = {  # which array a signal is of
     "control": "controls", "contact": "impulse", "normal_force": "impulse", "tangential_force": "tangential",
-    "tangential_impulse": "tangential",
+    "tangential_impulse": "tangential", "tendon_force": "pull",
 }  # fmt: skip
 
 
@@ -50,6 +50,7 @@ class Recorded:
         gap: (B, N, pairs) distances before every step [m], or None.
         slip: (B, N, pairs) how fast the pairs slide that push, else 0 [m/s], or None.
         tangential: (B, N, pairs) tangential impulses [N s], or None.
+        pull: (B, N, tendons) forces of tendons [N, N m], or None.
     """
 
     scene: Scene
@@ -60,6 +61,7 @@ class Recorded:
     gap: Any = None
     slip: Any = None
     tangential: Any = None
+    pull: Any = None
 
     def __post_init__(self) -> None:
         states = array("states", self.states, ("B", "N+1", 2 * self.scene.nv))
@@ -70,7 +72,8 @@ class Recorded:
         put(self, "states", states)
         put(self, "step_size", np.broadcast_to(array("step_size", self.step_size), (B,)))
         of_pairs = dict.fromkeys(("impulse", "gap", "slip", "tangential"), pairs)
-        for name, size in {"controls": self.scene.nu, **of_pairs}.items():
+        sizes = {"controls": self.scene.nu, "pull": len(self.scene.tendons), **of_pairs}
+        for name, size in sizes.items():
             if getattr(self, name) is not None:
                 put(self, name, array(name, getattr(self, name), (B, N, size), finite=name != "gap"))
 
@@ -104,12 +107,12 @@ class Recorded:
         source = SOURCES.get(signal.kind, signal.kind)
         found = getattr(self, source)
         if found is None:
-            source = {"slip": "impulse", "tangential": "impulse"}.get(source, source)
+            source = {"slip": "impulse", "tangential": "impulse", "pull": "controls"}.get(source, source)
             raise ArgumentError(
                 f"a measure of {signal.kind} needs {source}, which was not recorded; roll out with "
                 f"record={source!r}"
             )
-        if signal.kind == "control":
+        if signal.kind in ("control", OF_TENDONS):
             values = found[:, :, place]
         else:
             reduced = REDUCED["contact" if signal.kind == "contact" else source]

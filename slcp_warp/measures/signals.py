@@ -21,6 +21,11 @@ from ..inputs.errors import ArgumentError, ArgumentTypeError
 FORCES = ("normal_force", "tangential_force")
 RUBS = ("tangential_impulse", "tangential_force")
 OF_CONTACTS = ("contact", "gap", "impulse", "slip", "tangential_impulse", *FORCES)
+OF_TENDONS = "tendon_force"
+TRAPEZOIDAL = (
+    "the trapezoidal rule meets springs in a way of its own; forces of tendons are of Euler's steps and the "
+    "leapfrog's"
+)
 WITH_MINUS = ("state", "point", "distance")  # signals that another one may be taken off
 NO_VALUE = (
     "there is no value yet: join comparisons with & and |, not with and, or; between two bounds is "
@@ -65,8 +70,8 @@ class Signal(Compared):
 
     Attributes:
         kind: one of `SIGNALS`.
-        which: a state or a control by its name or its place; contact pairs, as `Scene.pairs_of` names them,
-            None: all; or a `costs.Point`.
+        which: a state, a control or a tendon by its name or its place; contact pairs, as `Scene.pairs_of`
+            names them, None: all; or a `costs.Point`.
         minus: a state that is taken off a state, or a point off a point.
         axis: "x" or "y" of a point.
         function: a user's Warp function (x, u, time) -> number, of a signal of kind "function".
@@ -129,6 +134,8 @@ class Signal(Compared):
             return scene.state_index(self.which)  # type: ignore[arg-type]
         if self.kind == "control":
             return scene.control_index(self.which)  # type: ignore[arg-type]
+        if self.kind == OF_TENDONS:
+            return scene.tendon_index(self.which)  # type: ignore[arg-type]
         if self.kind in OF_CONTACTS:
             self.pairs(scene)
         return 0
@@ -322,6 +329,14 @@ def slip(pair: str | int | None = None) -> Signal:
     where it does not push (`contact`). Of several pairs, named as of `contact`, that of the fastest.
     """
     return Signal("slip", None if pair is None else _name("pair", pair))
+
+
+def tendon_force(which: str | int) -> Signal:
+    """How hard a tendon pulls in the step [N, N m], by its name or its place in the scene: spring, damper and
+    actuators together, as the step meets them (M57), within its limit (M64), (M65); positive towards a
+    greater length. That of a servo is what its motor gives. Not of the trapezoidal rule.
+    """
+    return Signal("tendon_force", _name("which", which))
 
 
 def function(f: Callable[..., Any]) -> Signal:

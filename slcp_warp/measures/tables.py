@@ -12,9 +12,10 @@ from slcp_warp.kernels.ensembles.contacts import FAR
 
 from ..description.points import AXES, Point, point_numbers
 from ..description.scene import Scene
+from ..inputs.errors import ArgumentError
 from ..inputs.user_code import Known, check_indices, of_user
 from .reductions import NOTHING, Measure
-from .signals import FORCES, OF_CONTACTS, RUBS, Condition, Signal
+from .signals import FORCES, OF_CONTACTS, OF_TENDONS, RUBS, TRAPEZOIDAL, Condition, Signal
 
 INFINITE = 1e-50 * FAR  # what a mean or an integral of one FAR is above, whatever the steps
 
@@ -35,7 +36,7 @@ class MeasureTable:
 
     Attributes:
         measures: in the order of their values.
-        looks_at_contacts: whether one of them is of impulses, gaps or slips.
+        looks_inside: whether one of them is of contacts or tendons.
     """
 
     def __init__(
@@ -69,7 +70,8 @@ class MeasureTable:
         kinds = {signal.kind for signal in signals}
         self._gaps, self._slips = "gap" in kinds, "slip" in kinds
         self._forces, self._rubs = (not kinds.isdisjoint(each) for each in (FORCES, RUBS))
-        self.looks_at_contacts = not kinds.isdisjoint(OF_CONTACTS)
+        self._pulls = OF_TENDONS in kinds
+        self.looks_inside = self._pulls or not kinds.isdisjoint(OF_CONTACTS)
         self._bounds: list[tuple[float, float]] = []
         self._compared: list[int] = []
         self._clauses: list[tuple[int, int]] = []
@@ -129,10 +131,12 @@ class MeasureTable:
             ):
                 kernels.check_user(function, sim.nx, sim.nu, sim.dtype)
             check_indices("measures.function", function, Known(sim.nx), Known(max(sim.nu, 1)))
+        if self._pulls and sim.options.method.trapezoidal:
+            raise ArgumentError(f"a measure of {OF_TENDONS}: {TRAPEZOIDAL}")
         cost = self._cost and self._cost.functions(sim.dtype, sim.nx, sim.nu)
         some = any(measure.where is not None for measure in self.measures)
         looks = self._slips, self._forces, self._rubs
-        parts = self._relative, self._gaps, bool(self._points), *looks, self._scattered, some
+        parts = self._relative, self._gaps, bool(self._points), *looks, self._scattered, self._pulls, some
         return kernels.Users(self._functions, cost, *parts)
 
     def struct(self, sim: Any) -> Any:

@@ -8,6 +8,7 @@ from slcp_warp.kernels.mechanism.stiff_springs import SHARE
 
 from ..description.scene import Scene
 from ..inputs.errors import ArgumentError
+from ..measures.signals import TRAPEZOIDAL
 from ..options import Options
 
 
@@ -26,8 +27,7 @@ def tendon_forces(
     """
     s = scene.structure
     if options.method.trapezoidal:
-        raise ArgumentError("the trapezoidal rule meets springs in a way of its own; forces of tendons are "
-                            "of Euler's steps and the leapfrog's")  # fmt: skip
+        raise ArgumentError(TRAPEZOIDAL)
     driven = [(i, s.driven_tendon(i)) for i in range(s.nu) if s.driven_tendon(i) >= 0]
     if driven and controls is None:
         raise ArgumentError("controls were not recorded, and some pull at tendons; roll out with "

@@ -15,6 +15,7 @@ from ..inputs.arrays import Array, to_numpy
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..measures.recorded import Recorded
 from ..measures.reductions import Measure, Success
+from ..measures.signals import OF_TENDONS
 from ..options import Options, Status
 from ..parameters import Parameters
 from ..storage.printed import Printed, Table, counted
@@ -196,6 +197,8 @@ class Trajectory(Printed):
             for slip, i in zip(found, np.flatnonzero(solved).tolist()):
                 slip[:] = slips(self.motion(i), self._by_pair[i, ..., 0])
             of["slip"] = found
+        if OF_TENDONS in {signal.kind for signal in what.signals()}:
+            of["pull"] = self._pulls(solved)
         worlds = Recorded(self.scene, own, self.recorded("states")[solved], **of)
         found = worlds.value(what) if isinstance(what, Measure) else worlds.success(what)
         out = np.full(len(solved), np.nan if isinstance(what, Measure) else False, found.dtype)
@@ -236,10 +239,14 @@ class Trajectory(Printed):
         """
         if self.kept is not None:
             raise ArgumentError("this trajectory has checkpoints only; forces of tendons need all states")
-        numbers = {name: self.params[name] for name in self.params.names}
-        controls = None if self.controls is None else self.recorded("controls")
-        found = tendon_forces(self.scene, self.options, numbers, self.recorded("states"), controls)
+        found = self._pulls(np.full(len(self), True))
         return found if self.batched else found[0]
+
+    def _pulls(self, worlds: np.ndarray) -> np.ndarray:
+        own = self._known().select(worlds).parameters
+        numbers = {name: own[name] for name in own.names}
+        controls = None if self.controls is None else self.recorded("controls")[worlds]
+        return tendon_forces(self.scene, self.options, numbers, self.recorded("states")[worlds], controls)
 
     def failures(self) -> list[tuple[int, str, str]]:
         """The first worlds that are not SOLVED: number, status, what overlaps in the state they failed at.

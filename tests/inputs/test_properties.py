@@ -27,6 +27,7 @@ from slcp_warp.ddp.library.entries import scene_digest
 HOPPER = pathlib.Path(__file__).parents[2] / "examples" / "scenes" / "hopper.xml"
 
 FINGER = slcp.scenes.flicking_finger()
+PULLED = dataclasses.replace(FINGER, tendons=(slcp.Tendon("bar", ("link1.angle",), (1.0,)),))
 X, U = np.zeros((2, 6)), np.zeros((2, 2))
 US = np.zeros((2, 5, 2))
 
@@ -175,6 +176,7 @@ CALLS = {
     "terms": (slcp.costs.terms, {"scene": FINGER, "running": [slcp.costs.effort(1.0)]}, {}),
     "Scene.state": (FINGER.state, {"values": {"ellipse.angle": 0.5}}, {"values": ("value", "state")}),
     "Scene.state_index": (FINGER.state_index, {"which": 1}, {"which": ("state component",)}),
+    "Scene.tendon_index": (PULLED.tendon_index, {"which": "bar"}, {"which": ("tendon",)}),
     "Scene.control_index": (FINGER.control_index, {"which": "link1.angle"}, {"which": ("control",)}),
     "plan": (ddp.plan, {"task": TASK, "starts": 1}, {"methods": ("method",)}),
     "load_task": (slcp.load_task, {"name": "/nowhere/task.toml"}, {}),
