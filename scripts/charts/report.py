@@ -16,6 +16,7 @@ from .style import BLUE, CASES, GREY, plt, save
 
 Row = dict[str, Any]
 ACROSS = 5  # pictures beside each other
+SAME, NOTHING = 1e-5, 1e-12  # of a size; as one
 
 
 def report_chart(file: Path, path: Path) -> Path:
@@ -39,6 +40,8 @@ def report_chart(file: Path, path: Path) -> Path:
         _success(axes[0], shares[key], shares.get((*key[:3], "undisturbed")), row, colour)
         for ax, name in zip(axes[1:], shown):
             _spread(ax, spreads[key][name], row, colour)
+    for ax in axes[1 : 1 + len(shown)]:
+        _steady(ax)
     axes[0].set_xlim(-3.0, 103.0)
     for ax, name in zip(axes, ("success [%]; ○ undisturbed", *shown)):
         ax.set_yticks([])
@@ -83,6 +86,15 @@ def _spread(ax: Any, quantiles: dict[float, Interval], row: float, colour: str) 
             ax.plot(ends, [row, row], color=colour, lw=width, solid_capstyle="butt")
     if np.isfinite(middle):
         ax.plot(middle, row, "o", color=colour, markerfacecolor="white")
+
+
+def _steady(ax: Any) -> None:
+    """Where all that an axis shows is the same to single precision, no picture of roundings."""
+    low, high = ax.get_xlim()
+    size = max(abs(low), abs(high))
+    if high - low <= SAME * size or size <= NOTHING:
+        middle, room = (0.5 * (low + high), 0.05 * size) if size > NOTHING else (0.0, 1.0)
+        ax.set_xlim(middle - room, middle + room)
 
 
 def gains_chart(library: ddp.Library, path: Path) -> Path:

@@ -120,6 +120,26 @@ def test_many_measures_have_rows_of_a_table_and_rows_of_pictures(tmp_path, monke
     assert named == ["success [%]; ○ undisturbed", "m4", "m9"]
 
 
+def test_what_is_the_same_but_for_roundings_looks_the_same(tmp_path, monkeypatch):
+    source = MemorySource()
+    noise = np.array([-1.0, 0.0, 1.0])
+    rows = {
+        "lasts": 7.0 + 1e-6 * noise,
+        "rests": 1e-17 * noise,
+        "falls": -2.0 + 0.0 * noise,
+        "varies": 7.0 + 1e-2 * noise,
+    }
+    rows |= {"world": np.arange(3), "success": np.ones(3, bool), "status": np.zeros(3, np.int32)}
+    source.add(("a", "hard", 0.05, "disturbed"), rows)
+    drawn = []
+    monkeypatch.setattr(reports, "save", lambda figure, path: drawn.append(figure))
+    reports.report_chart(slcp.Report(None, source).save(tmp_path / "report.csv"), tmp_path / "report.png")
+    seen = {ax.get_xlabel(): ax.get_xlim() for ax in drawn[0].axes}
+    assert seen["lasts"] == pytest.approx((6.65, 7.35)) and seen["rests"] == (-1.0, 1.0)
+    assert seen["falls"][0] < -2.05 and seen["falls"][1] > -1.95
+    assert 6.9 < seen["varies"][0] < 6.99 and 7.01 < seen["varies"][1] < 7.1
+
+
 def test_a_table_without_a_picture_is_named_before_any_is_drawn(tmp_path):
     """It was read as a table of another command, after the files before it had been drawn."""
     rare, grid = tmp_path / "rare.csv", tmp_path / "map.csv"
