@@ -143,6 +143,21 @@ class Report(Printed):
                 raise ArgumentError(f"{name} is {shown(value)}; choose from {shown(there)}")
         return left[0]
 
+    def _only(self, policy: str, case: str | None, step_size: float | None) -> Key:
+        """As `key`, with a warning where several may be meant."""
+        found = self.key(policy, case, step_size)
+        for name, given in (("case", case), ("step_size", step_size)):
+            at = KEYS.index(name)
+            there = dict.fromkeys(k[at] for k in self.source.keys if (k[0], k[3]) == (policy, found[3]))
+            if given is None and len(there) > 1:
+                warnings.warn(
+                    f"Report.compare: of {name} {', '.join(map(str, there))} it is of {found[at]}; {name}= "
+                    "says of which",
+                    RuntimeWarning,
+                    stacklevel=3,
+                )
+        return found
+
     def part(self, policy: str, case: str | None = None, step_size: float | None = None,
              arm: str = "disturbed") -> dict[str, np.ndarray]:  # fmt: skip
         """Columns of one part; case and step size None: the first."""
@@ -161,16 +176,22 @@ class Report(Printed):
         """Differences first - second in the same worlds: (mean, low, high) with 95 % intervals.
 
         Of success (as 0 and 1) and of every measure, over the worlds where both are finite; case and step
-        size None: the first. With `other` the second policy is that report's: of another task, whose scene is
-        another design, in worlds of the same numbers, which of one seed are the same draws of what both
-        disturb; of the measures that both have. The intervals are for one look at a number of worlds that was
-        chosen before; with `peeking` they are wider, and hold for one who looks while a sweep runs and stops
-        when he likes: of success exactly, of means for many worlds, unless few of them make the mean
-        (`compare_sequentially` has medians and bounded means, which hold for every law).
+        size None: the first, and a RuntimeWarning where there are several. With `other` the second policy is
+        that report's: of another task, whose scene is another design, in worlds of the same numbers, which of
+        one seed are the same draws of what both disturb; of the measures that both have. The intervals are
+        for one look at a number of worlds that was chosen before; with `peeking` they are wider, and hold for
+        one who looks while a sweep runs and stops when he likes: of success exactly, of means for many
+        worlds, unless few of them make the mean (`compare_sequentially` has medians and bounded means, which
+        hold for every law).
         """
         checks.instance("other", other, Report | None, "a Report")
         there = self if other is None else other
-        a, b = self.key(first, case, step_size), there.key(second, case, step_size)
+        a = self._only(first, case, step_size)
+        alike = [k for k in there.source.keys if k[0] == second and k[1:] == a[1:]]
+        b = there.key(second, case, step_size) if not alike else alike[0]
+        if a[1:] != b[1:]:
+            warnings.warn(f"Report.compare: {a} and {b} are of other cases or step sizes", RuntimeWarning,
+                          stacklevel=2)  # fmt: skip
         names = ("success", *(name for name in self.measures if name in there.measures))
         if not checks.flag("peeking", peeking):
             return differences(self.source, a, b, names, there.source)

@@ -83,6 +83,28 @@ def test_two_reports_compare_as_one_does():
         first.compare("a", "b", other=two)
 
 
+def test_what_is_compared_is_of_one_case_and_is_told():
+    """The first of several is taken with a warning; another report's of the same one, where it has that."""
+    both, turned = MemorySource(), MemorySource()
+    cases = {"hard": 3, "soft": 4}
+    for policy, more in (("a", 0), ("b", 10)):
+        for case in cases:
+            both.add((policy, case, 0.01, "disturbed"), rows(cases[case] + more, 40))
+        for case in reversed(cases):
+            turned.add((policy, case, 0.01, "disturbed"), rows(cases[case] + more, 40))
+    first, second = slcp.Report(None, both), slcp.Report(None, turned)
+    named = first.compare("a", "b", case="hard")
+    with pytest.warns(RuntimeWarning, match="Report.compare: of case hard, soft it is of hard; case= says"):
+        assert first.compare("a", "b") == named
+    assert first.compare("a", "b", case="hard", other=second) == named
+    with pytest.warns(RuntimeWarning, match="it is of hard"):
+        assert first.compare("a", "b", other=second) == named
+    coarse = MemorySource()
+    coarse.add(("b", "hard", 0.02, "disturbed"), rows(13, 40))
+    with pytest.warns(RuntimeWarning, match="are of other cases or step sizes"):
+        first.compare("a", "b", "hard", other=slcp.Report(None, coarse))
+
+
 def test_the_summary_is_that_of_the_columns():
     for row, (seed, count) in zip(WHOLE.summary, ((1, 3 * BLOCK + 17), (2, 2 * BLOCK + 5))):
         columns = rows(seed, count)
