@@ -2,8 +2,8 @@
 
 Weights hold the number of running terms and then, for every running and then every final term, FIELDS
 numbers: its kind, its component (a state 0 .. nx - 1, or nx + i for control i), its weight w, its target t,
-its width d, and the state that is taken off its component (-1: none). With s the component or the difference,
-and e = s - t, a term is
+its width d, and the state that is taken off its component, a state or a control (-1: none). With s the
+component or the difference, and e = s - t, a term is
 
     LINEAR    w e                   SQUARE    w e^2
     COSINE    w (1 - cos e)         ABSOLUTE  w (sqrt(e^2 + d^2) - d)
@@ -147,6 +147,14 @@ def make_sum(dtype, VX, VU, points=None, fields=FIELDS):
         return j >= nx and j < wp.static(nx + nu)
 
     @wp.func
+    def control_less(weights: wp.array2d(dtype=dtype), row: int, i: int, x: VX, value: dtype):
+        """A control, less the state that term i takes off it."""
+        k = less(weights, row, i)
+        if k >= 0:
+            return value - x[k]
+        return value
+
+    @wp.func
     def running(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, k: int):
         many, _ = counts(weights, row)
         value = dtype(0.0)
@@ -154,7 +162,7 @@ def make_sum(dtype, VX, VU, points=None, fields=FIELDS):
             if counts_at(weights, row, i, k):
                 j = place(weights, row, i)
                 if is_control(j):
-                    value += weighed(weights, row, i, u[j - nx])[0]
+                    value += weighed(weights, row, i, control_less(weights, row, i, x, u[j - nx]))[0]
                 else:
                     value += weighed(weights, row, i, of_state(weights, row, i, x))[0]
         return value
@@ -171,17 +179,22 @@ def make_sum(dtype, VX, VU, points=None, fields=FIELDS):
     def running_derivatives(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, step: int):
         many, _ = counts(weights, row)
         lx, lxx = VX(), MXX()
-        lu, luu = VU(), MUU()
+        lu, luu, lux = VU(), MUU(), MUX()
         for i in range(many):
             if counts_at(weights, row, i, step):
                 j = place(weights, row, i)
                 if is_control(j):
-                    t = weighed(weights, row, i, u[j - nx])
+                    t = weighed(weights, row, i, control_less(weights, row, i, x, u[j - nx]))
                     lu[j - nx] = lu[j - nx] + t[1]
                     luu[j - nx, j - nx] = luu[j - nx, j - nx] + t[2]
+                    k = less(weights, row, i)
+                    if k >= 0:
+                        lx[k] = lx[k] - t[1]
+                        lxx[k, k] = lxx[k, k] + t[2]
+                        lux[j - nx, k] = lux[j - nx, k] - t[2]
                 else:
                     lx, lxx = bent(weights, row, i, x, lx, lxx)
-        return lx, lu, lxx, MUX(), luu
+        return lx, lu, lxx, lux, luu
 
     @wp.func
     def final_derivatives(weights: wp.array2d(dtype=dtype), row: int, x: VX):

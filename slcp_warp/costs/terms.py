@@ -38,7 +38,8 @@ class Term:
         control: a control, by its name or its place, or "all".
         target: [unit of the component]; of both coordinates of a point two numbers, or one for both.
         minus: what is taken off, so that the term is of a difference: of a state another, by its name or its
-            place, and of a point another `Point`.
+            place, of a control a state (of a servo's set-point the place: what its spring pulls, over its
+            stiffness), and of a point another `Point`.
         width: > 0, where "absolute" turns from a parabola into a line [unit of the component].
         point: a `Point` of a body: the component is its coordinate in the world [m]. Lengths and angles of
             the bodies are the scene's own, whatever `Parameters` say. One of state, control and point.
@@ -75,8 +76,10 @@ class Term:
         if self.point is None:
             if self.axis is not None:
                 raise ArgumentError(f"Term.axis is {shown(self.axis)} without a point that it is of")
-            if isinstance(self.minus, Point) or (self.minus is not None and self.state is None):
-                raise ArgumentError(f"Term.minus is {shown(self.minus)} without a state that it is taken off")
+            if isinstance(self.minus, Point):
+                raise ArgumentError(f"Term.minus is {shown(self.minus)} without a point that it is taken off")
+            if self.minus is not None and isinstance(self.control, str) and self.control == EVERY:
+                raise ArgumentError(f"Term.minus is {shown(self.minus)} of all controls; it is of one")
         else:
             check_axis("Term.axis", self.axis)
             instance("Term.minus", self.minus, Point | None, "a costs.Point, as Term.point,")
@@ -246,14 +249,14 @@ def _places(
         )
         return [(point + axis, target, less + axis if less >= 0 else -1) for axis, target in term.places]
     assert isinstance(term.target, float)
+    minus = term.minus
+    less = -1 if minus is None else index_of(f"{label}.minus", minus, states)  # type: ignore[arg-type]
     if term.state is not None:
-        minus = term.minus
-        less = -1 if minus is None else index_of(f"{label}.minus", minus, states)  # type: ignore[arg-type]
         return [(index_of(f"{label}.state", term.state, states), term.target, less)]
     every = range(len(controls))
     if term.control != EVERY:
         every = range((i := index_of(f"{label}.control", term.control, controls)), i + 1)  # type: ignore[arg-type]
-    return [(nx + i, term.target, -1) for i in every]
+    return [(nx + i, term.target, less) for i in every]
 
 
 def _listed(points: list[Point], point: object) -> int:

@@ -301,9 +301,8 @@ def _component(cost: Cost, scene: Scene, i: int, minus: int) -> dict[str, Any]:
         point, axis = divmod(i - points, 2)
         of = {"point": cost.points[point], "axis": AXES[axis]}
         return of | ({} if minus < 0 else {"minus": cost.points[(minus - points) // 2]})
-    if i >= nx:
-        return {"control": scene.control_names[i - nx]}
-    return {"state": scene.state_names[i]} | ({} if minus < 0 else {"minus": scene.state_names[minus]})
+    of = {"control": scene.control_names[i - nx]} if i >= nx else {"state": scene.state_names[i]}
+    return of | ({} if minus < 0 else {"minus": scene.state_names[minus]})
 
 
 def _changed(item: Any, default: Any) -> dict[str, Any]:

@@ -221,7 +221,7 @@ def test_a_plan_goes_through_limits_that_are_means():
     these end at a kink.
     """
 
-    def solved(share):
+    def solved(share, asked=False, starts=12):
         bodies = (
             slcp.Body("upper", 1.0, 0.02, com=(0.2, 0.0)),
             slcp.Body("fore", 0.6, 0.01, "upper", anchor=(0.4, 0.0), com=(0.15, 0.0)),
@@ -232,14 +232,17 @@ def test_a_plan_goes_through_limits_that_are_means():
         names, goal = ("upper.angle", "fore.angle"), (0.6, 0.8)
         Term = slcp.costs.Term
         running = [
-            Term("square", 1e-3, control=f"{n}_servo", target=g) for n, g in zip(("upper", "fore"), goal)
+            Term(
+                "square", 1e-3, control=f"{n}_servo", **({"minus": f"{n}.angle"} if asked else {"target": g})
+            )
+            for n, g in zip(("upper", "fore"), goal)
         ]
         final = [Term("square", 100.0, state=n, target=g) for n, g in zip(names, goal)]
         final += [Term("square", 1.0, state=n) for n in ("upper.vangle", "fore.vangle")]
         sim = slcp.Simulator(scene, dtype="float64")
         problem = ddp.Problem(sim, slcp.costs.terms(scene, running, final), 60)
         x0 = np.random.default_rng(1).normal(size=(12, 4)) * [0.3, 0.5, 0.5, 0.5] + [-1.5, 0.0, 0.0, 0.0]
-        return ddp.solve(problem, x0, np.broadcast_to(goal, (12, 60, 2)).copy())
+        return ddp.solve(problem, x0[:starts], np.broadcast_to(goal, (starts, 60, 2)).copy())
 
     ends = ddp.Status.CONVERGED, ddp.Status.SMALL_IMPROVEMENT
     clamp, mean = solved(0.0), solved(0.03)
@@ -247,6 +250,10 @@ def test_a_plan_goes_through_limits_that_are_means():
     assert (mean.status != ddp.Status.LINE_SEARCH_FAILED).all()
     assert np.isin(mean.status, ends).sum() >= 8
     assert np.median(mean.cost) < 1e-3
+    spared = solved(0.03, asked=True, starts=4)  # a cost of what the springs are asked for
+    assert (np.abs(spared.xs[:, -1, :2] - (0.6, 0.8)) < 1e-2).all()
+    apart = [np.abs(each.us[:4] - each.xs[:4, :-1, :2]).max((1, 2)) for each in (spared, mean)]
+    assert np.median(apart[0]) < 0.2 * np.median(apart[1])
 
 
 def test_a_noise_without_a_limit_is_refused():

@@ -85,6 +85,16 @@ def test_a_term_of_no_weight_is_one(tmp_path):
     np.testing.assert_array_equal(slcp.load_task(tmp_path / "task.json").cost.weights, cost.weights)
 
 
+def test_a_term_of_a_control_less_a_state_is_one(tmp_path):
+    scene = slcp.scenes.push_block()
+    term = slcp.costs.Term("absolute", 2.0, control="pusher.shift", minus="pusher.vshift", target=0.1)
+    task = slcp.Task("apart", scene, slcp.costs.terms(scene, [term]), 5)
+    slcp.save_task(task, tmp_path / "task.json")
+    np.testing.assert_array_equal(slcp.load_task(tmp_path / "task.json").cost.weights, task.cost.weights)
+    told = json.loads((tmp_path / "task.json").read_text())["cost"]["running"][0]
+    assert told["control"] == "pusher.shift" and told["minus"] == "pusher.vshift" and task.goal() is None
+
+
 def test_short_reductions_are_those_of_python():
     content = tomllib.loads(TOML.read_text())
     apart = {"kind": "state", "which": "block.x", "minus": "pusher.shift"}

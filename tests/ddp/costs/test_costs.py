@@ -294,15 +294,18 @@ SHIFTED = {"weight": 1.3, "target": 0.2, "width": 0.4}
 RUNNING = [slcp.costs.Term(kind, state="cart.shift", **SHIFTED) for kind in KINDS]
 RUNNING += [slcp.costs.Term("cosine", 0.9, state="pole.angle", minus="cart.vshift", target=0.1)]
 RUNNING += [slcp.costs.Term("above", 0.7, control="cart.shift", target=-0.5), slcp.costs.effort(0.05)]
+RUNNING += [
+    slcp.costs.Term(kind, 0.6, control="cart.shift", minus=less, target=0.1, width=0.3)
+    for kind, less in (("square", "cart.shift"), ("absolute", "pole.angle"), ("cosine", "cart.shift"))
+]
 FINAL = [slcp.costs.Term("cosine", 3.0, state="pole.angle", target=1.0), RUNNING[3]]
 
 
 def component(term: slcp.costs.Term, x: np.ndarray, u: np.ndarray) -> float:
     """What a term of the cart-pole is a function of."""
     places = {"cart.shift": 0, "pole.angle": 1, "cart.vshift": 2}
-    if term.state is None:
-        return u[0]
-    return x[places[term.state]] - (0.0 if term.minus is None else x[places[term.minus]])
+    value = u[0] if term.state is None else x[places[term.state]]
+    return value - (0.0 if term.minus is None else x[places[term.minus]])
 
 
 def test_terms_are_their_formulas(device):
@@ -335,7 +338,12 @@ def test_terms_are_their_formulas(device):
             low, middle, high = (value(xs[0, k], u + s * 1e-4, group) for s in (-1.0, 0.0, 1.0))
             assert out["lu"][0, k, 0] == pytest.approx((high - low) / 2e-4, abs=1e-7)
             assert out["luu"][0, k, 0, 0] == pytest.approx((high - 2.0 * middle + low) / 1e-8, abs=1e-5)
-    assert not out["lux"].any()
+            for j in range(4):
+                d = 1e-4 * np.eye(4)[j]
+                mixed = sum(
+                    a * b * value(xs[0, k] + a * d, u + b * 1e-4, group) for a in (-1, 1) for b in (-1, 1)
+                )
+                assert out["lux"][0, k, 0, j] == pytest.approx(mixed / 4e-8, abs=1e-5)
 
 
 def test_the_value_of_terms_is_their_sum_over_a_plan(device):
@@ -362,7 +370,8 @@ def test_the_value_of_terms_is_their_sum_over_a_plan(device):
         (lambda s: [slcp.costs.Term("absolute", 1.0, state=0, width=0.0)], "Term.width"),
         (lambda s: [slcp.costs.Term("square", 1.0, state="block.x")], r"running\[0\].state is 'block.x'"),
         (lambda s: [slcp.costs.Term("square", 1.0, control=1)], r"running\[0\].control is 1"),
-        (lambda s: [slcp.costs.Term("square", 1.0, control=0, minus=0)], "Term.minus is 0 without a state"),
+        (lambda s: [slcp.costs.Term("square", 1.0, control="all", minus=0)], "minus is 0 of all controls"),
+        (lambda s: [slcp.costs.Term("square", 1.0, control=0, minus="a")], r"running\[0\].minus is 'a'"),
         (lambda s: [slcp.costs.Term("square", 1.0, state=0, minus="a")], r"running\[0\].minus is 'a'"),
         (lambda s: [], "at least one is needed"),
         (lambda s: "square", "a list of costs.Term is needed"),

@@ -191,7 +191,7 @@ def test_a_task_of_another_scene_has_its_lengths():
     (lambda s: Term("square", 1.0), "one of them is needed"),
     (lambda s: Term("square", 1.0, state=0, point=Point("fore")), "one of them is needed"),
     (lambda s: Term("square", 1.0, state=0, axis="x"), "Term.axis is 'x' without a point"),
-    (lambda s: Term("square", 1.0, state=0, minus=Point("fore")), "without a state that it is taken off"),
+    (lambda s: Term("square", 1.0, state=0, minus=Point("fore")), "without a point that it is taken off"),
     (lambda s: Term("square", 1.0, point=Point("fore"), minus="upper.angle"), "Term.minus is .* costs.Point"),
     (lambda s: Term("square", 1.0, point=Point("fore"), axis="z"), "Term.axis is 'z'; 'x', 'y' or None"),
     (lambda s: Term("square", 1.0, point=Point("fore"), axis=np.zeros(2)), "Term.axis is"),
