@@ -24,10 +24,10 @@ SIGNALS = (  # from "slip" on those whose code is where a measure asks for them,
  RUBBING, PULL) = range(len(SIGNALS))  # fmt: skip
 REDUCTIONS = (
     *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest", "accumulated"),
-    *("share_of_time", "first_time", "settled", "count"),
+    *("share_of_time", "first_time", "settled", "count", "rms"),
 )
 (INITIAL, FINAL, RATE, MEAN, INTEGRAL, TOTAL, LARGEST, SMALLEST, ACCUMULATED,
- SHARE, FIRST, SETTLED, COUNT) = range(len(REDUCTIONS))  # fmt: skip
+ SHARE, FIRST, SETTLED, COUNT, RMS) = range(len(REDUCTIONS))  # fmt: skip
 WIDTH = 5  # value, number of values, a second value and two times
 ABSOLUTE, SINCE, BOTH = 1, 2, 3  # how a signal is taken: absolute, less its value at the start
 NONE = -1  # no state to take off
@@ -264,7 +264,8 @@ def make_measures(
                 if counts and m.measure[j, 5] < m.measure[j, 6]:
                     kept_to = holds(m, kept, i, m.measure[j, 5], m.measure[j, 6], x, u, time, h, last, c)
                     counts = kept_to > ZERO
-            step = last == 0 or not (what >= wp.static(MEAN) and what <= wp.static(TOTAL))
+            of_steps = (what >= wp.static(MEAN) and what <= wp.static(TOTAL)) or what == wp.static(RMS)
+            step = last == 0 or not of_steps
             if counts and step and not (last == 1 and what == wp.static(SHARE)):
                 v = wp.float64(0.0)
                 if m.measure[j, 1] == wp.static(NONE):
@@ -317,6 +318,8 @@ def make_measures(
             kept[i, j, 2] = v
         elif what == wp.static(INTEGRAL):
             kept[i, j, 0] = kept[i, j, 0] + v * h
+        elif what == wp.static(RMS):
+            kept[i, j, 0] = kept[i, j, 0] + v * v
         else:
             kept[i, j, 0] = kept[i, j, 0] + v
 

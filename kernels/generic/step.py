@@ -276,7 +276,6 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         far_gap=recorded.far_gap,
         row_gap=recorded.row_gap,
         control_force=tendons.control_force,
-        tense=tendons.tense,
     )
 
 

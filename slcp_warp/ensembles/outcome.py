@@ -20,6 +20,7 @@ from .chunks import ARMS, KEYS
 from .statistics import files
 from .statistics.intervals import Interval
 from .statistics.reductions import differences, paired_blocks, quantiles_of_part, summary_of_part
+from .statistics.same_worlds import unlike
 from .statistics.sensitivity import Sensitivity, sensitivity_of_rows
 from .statistics.sequential import RunningDifference
 from .statistics.source import Key, MemorySource, Source, joined, measure_names
@@ -192,6 +193,13 @@ class Report(Printed):
         if a[1:] != b[1:]:
             warnings.warn(f"Report.compare: {a} and {b} are of other cases or step sizes", RuntimeWarning,
                           stacklevel=2)  # fmt: skip
+        if there is not self and (apart := unlike(self.source, a, there.source, b)):
+            warnings.warn(
+                f"Report.compare: {', '.join(apart)} of worlds of the same number differ: of another seed or "
+                "another law, they are not the same worlds",
+                RuntimeWarning,
+                stacklevel=2,
+            )
         names = ("success", *(name for name in self.measures if name in there.measures))
         if not checks.flag("peeking", peeking):
             return differences(self.source, a, b, names, there.source)

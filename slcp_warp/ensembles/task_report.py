@@ -15,6 +15,7 @@ from .statistics.starts import Starts
 from .stored.sweep import StoredSweep
 from .stored.travel import given
 from .tasks import TaskSweep
+from .worlds.others import warn_of_others
 
 Progress = Callable[[int, int], None]
 
@@ -46,6 +47,8 @@ def sweep_task(
         raise ArgumentError("executor is given, but no out: other processes hand on chunks in a folder")
     found, named, texts = given(task, policies)
     work = TaskSweep(found, named, **choices)
+    if work.given is not None:
+        warn_of_others(found, work.given, 4)
     tell = progress or (lambda done, total: None)
     if out is None:
         report = _in_memory(work, tell)

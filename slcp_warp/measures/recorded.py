@@ -176,10 +176,29 @@ class Recorded:
             return inside.sum()
         if not steps.any():
             return none
+        if measure.reduction == "rms":
+            return np.sqrt((series[steps] ** 2).mean())
         summed = series[steps].sum()
         if measure.reduction in ("mean", "share_of_time"):
             return summed / steps.sum()
         return summed * (h if measure.reduction == "integral" else 1.0)
+
+
+def of_worlds(what: Measure | Success, made: Any, worlds: Recorded) -> np.ndarray:
+    """(B,) values of a measure, or successes, of worlds that made so many steps (B,), each of those alone;
+    `made` None: all.
+    """
+    if made is None:
+        return worlds.value(what) if isinstance(what, Measure) else worlds.success(what)
+    out = np.full(len(made), np.nan if isinstance(what, Measure) else False)
+    arrays = ("controls", "impulse", "gap", "slip", "tangential", "pull")
+    for count in np.unique(made):
+        rows = made == count
+        steps = {name: getattr(worlds, name) for name in arrays}
+        own = {name: None if each is None else each[rows, :count] for name, each in steps.items()}
+        states = worlds.states[rows, : count + 1]
+        out[rows] = of_worlds(what, None, Recorded(worlds.scene, worlds.step_size[rows], states, **own))
+    return out
 
 
 def counted_steps(measure: Measure, times: np.ndarray, step_size: float) -> np.ndarray:

@@ -4,8 +4,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from slcp_warp.kernels.ensembles.measures import REDUCTIONS
-
 from ..inputs.checks import number, shown
 from ..inputs.errors import ArgumentTypeError
 from .signals import (
@@ -22,7 +20,7 @@ from .signals import (
 )
 from .signals import cost as step_cost
 
-OF_CONDITIONS = REDUCTIONS[-4:]
+OF_CONDITIONS = ("share_of_time", "first_time", "settled", "count")
 NOTHING = {  # what is of no step, where a condition chooses them; anything else is NaN
     **dict.fromkeys(("integral", "total", "accumulated", "count"), 0.0),
     **dict.fromkeys(("first_time", "settled"), math.inf),
@@ -137,6 +135,11 @@ def mean(
 ) -> Measure:
     """Mean over the steps."""
     return _of_signal("mean", signal, start, end, where)
+
+
+def rms(signal: Any, start: float = 0.0, end: float | None = None, where: Condition | None = None) -> Measure:
+    """Root of the mean square over the steps: what a motor is heated by, of `tendon_force`."""
+    return _of_signal("rms", signal, start, end, where)
 
 
 def integral(

@@ -176,6 +176,8 @@ class MeasureTable:
             with np.errstate(invalid="ignore", divide="ignore"):
                 if measure.reduction in ("mean", "share_of_time"):
                     value = value / count
+                elif measure.reduction == "rms":
+                    value = np.sqrt(value / count)
                 elif measure.reduction == "rate":
                     value = np.where(count > 1, (value - second) / (end - begin), 0.0)
                 elif measure.reduction in ("first_time", "settled"):

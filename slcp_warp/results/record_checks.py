@@ -1,6 +1,7 @@
 """What the arrays of a file of results must be: shapes that fit the scene, numbers, known statuses."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +50,18 @@ def length(arrays: Arrays, name: str, axis: int, axes: int) -> int:
         shape = arrays[name].shape if name in arrays else "none"
         raise FileError(f"array {name!r} has shape {shape}; {axes} axes are needed")
     return arrays[name].shape[axis]
+
+
+def made_steps(given: Any, shape: tuple[int, ...], path: Any) -> np.ndarray | None:
+    """(B,) how many steps worlds made of which failures ended some, as a file's header has it; None: all."""
+    if given is None:
+        return None
+    whole = isinstance(given, list) and all(type(each) is int and 1 <= each < shape[1] for each in given)
+    if not whole or len(given) != shape[0]:
+        raise FileError(
+            f"{path}: made is {given!r:.60}; {shape[0]} whole numbers from 1 to {shape[1] - 1} are needed"
+        )
+    return np.array(given)
 
 
 def check_trajectory(arrays: Arrays, simulated: Simulated) -> None:

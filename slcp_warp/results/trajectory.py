@@ -13,7 +13,7 @@ from ..description.scene import Scene
 from ..inputs import checks
 from ..inputs.arrays import Array, to_numpy
 from ..inputs.errors import ArgumentError, ArgumentTypeError
-from ..measures.recorded import Recorded
+from ..measures.recorded import Recorded, of_worlds
 from ..measures.reductions import Measure, Success
 from ..measures.signals import OF_TENDONS
 from ..options import Options, Status
@@ -24,7 +24,7 @@ from .momentum import Momentum, momentum
 from .overlaps import failed, failed_table
 from .pictures.contacts import contact_table, slips
 from .pictures.motion import Motion
-from .record_checks import TRAJECTORY, check_trajectory
+from .record_checks import TRAJECTORY, check_trajectory, made_steps
 from .records import Record, read_record
 from .simulated import Simulated
 from .statuses import statuses
@@ -63,6 +63,7 @@ class Trajectory(Printed):
     kept: tuple[int, ...] | None = None
     header: dict[str, Any] = field(default_factory=dict)
     _measured: Callable[[np.ndarray, Parameters], np.ndarray] | None = field(default=None, compare=False)
+    _made: np.ndarray | None = field(default=None, compare=False)  # (B,) steps, of what failures ended
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"_measured": None}
@@ -84,7 +85,8 @@ class Trajectory(Printed):
         index = some_worlds(worlds, len(self))
         values: dict[str, Any] = {name: selected(getattr(self, name), index) for name in ARRAYS}
         own = None if self.simulated is None else self.simulated.select(index)
-        return replace(self, simulated=own, **values)
+        made = None if self._made is None else np.atleast_1d(self._made[index])
+        return replace(self, simulated=own, _made=made, **values)
 
     def _known(self) -> Simulated:
         if self.simulated is None:
@@ -172,7 +174,8 @@ class Trajectory(Printed):
         """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded; one number of one
         world without an axis of worlds.
 
-        NaN, and no success, of worlds that are not SOLVED.
+        NaN, and no success, of worlds that are not SOLVED. Of a world of a replay that a failure ended the
+        steps until then count, as in a sweep.
 
         Raises:
             ArgumentError: it looks at what was not recorded (controls; "impulse" for contacts; "gap"), or at
@@ -200,7 +203,7 @@ class Trajectory(Printed):
         if OF_TENDONS in {signal.kind for signal in what.signals()}:
             of["pull"] = self._pulls(solved)
         worlds = Recorded(self.scene, own, self.recorded("states")[solved], **of)
-        found = worlds.value(what) if isinstance(what, Measure) else worlds.success(what)
+        found = of_worlds(what, None if self._made is None else self._made[solved], worlds)
         out = np.full(len(solved), np.nan if isinstance(what, Measure) else False, found.dtype)
         out[solved] = found
         return out if self.batched else out[0]
@@ -234,8 +237,9 @@ class Trajectory(Printed):
     @property
     def tendon_forces(self) -> np.ndarray:
         """How hard every tendon pulls in every step, (B, N, tendons) [N, N m]: spring, damper and actuators
-        together, within its limit (M57), (M64); positive towards a greater length. Without the axis of
-        worlds where the states have none. Where controls pull at tendons they have to be recorded.
+        together, within its limit (M57), (M64); positive towards a greater length; 0 once a failure has
+        ended a world of a replay. Without the axis of worlds where the states have none. Where controls pull
+        at tendons they have to be recorded.
         """
         if self.kept is not None:
             raise ArgumentError("this trajectory has checkpoints only; forces of tendons need all states")
@@ -246,7 +250,10 @@ class Trajectory(Printed):
         own = self._known().select(worlds).parameters
         numbers = {name: own[name] for name in own.names}
         controls = None if self.controls is None else self.recorded("controls")[worlds]
-        return tendon_forces(self.scene, self.options, numbers, self.recorded("states")[worlds], controls)
+        out = tendon_forces(self.scene, self.options, numbers, self.recorded("states")[worlds], controls)
+        if self._made is not None:
+            out[np.arange(out.shape[1]) >= self._made[worlds, None]] = 0.0
+        return out
 
     def failures(self) -> list[tuple[int, str, str]]:
         """The first worlds that are not SOLVED: number, status, what overlaps in the state they failed at.
@@ -287,7 +294,8 @@ class Trajectory(Printed):
         arrays = {name: self.recorded(name) for name in names}
         if self.impulse is not None:
             arrays["contact_impulse"] = self._by_pair
-        return Record("trajectory", arrays, self._known(), self.header | {"batched": self.batched})
+        made = {} if self._made is None else {"made": self._made.tolist()}
+        return Record("trajectory", arrays, self._known(), self.header | {"batched": self.batched} | made)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write an .npz file, with scene, options and parameters; replaced only once complete.
@@ -309,8 +317,9 @@ class Trajectory(Printed):
         values: dict[str, Any] = {name: record.arrays.get(name) for name in ARRAYS}
         if record.header.get("batched") is False and len(record["states"]) == 1:
             values = {name: None if each is None else each[0] for name, each in values.items()}
-        header = {name: value for name, value in record.facts().items() if name != "batched"}
-        return cls(**values, simulated=record.simulated, header=header)
+        header = {name: value for name, value in record.facts().items() if name not in ("batched", "made")}
+        made = made_steps(record.header.get("made"), record["states"].shape, path)
+        return cls(**values, simulated=record.simulated, header=header, _made=made)
 
     def motion(self, world: int = 0) -> Motion:
         """One world as pictures take it.

@@ -1,6 +1,7 @@
 """Streamed statistics of synthetic tables against NumPy on whole columns, in chunks of any size and order."""
 
 import math
+import warnings
 import weakref
 
 import numpy as np
@@ -74,7 +75,8 @@ def test_two_reports_compare_as_one_does():
     for found, (key, seed, count) in ((one, (A, 1, 3 * BLOCK + 17)), (two, (B, 2, 2 * BLOCK + 5))):
         found.add(key, rows(seed, count))
     first, second = slcp.Report(None, one), slcp.Report(None, two)
-    assert first.compare("a", "b", other=second) == WHOLE.compare("a", "b")
+    with pytest.warns(RuntimeWarning, match="Report.compare: mass_0 of worlds of the same number differ"):
+        assert first.compare("a", "b", other=second) == WHOLE.compare("a", "b")
     assert first.compare("a", "b", peeking=True, other=second) == WHOLE.compare("a", "b", peeking=True)
     assert first.compare("a", "a", other=first) == WHOLE.compare("a", "a")
     with pytest.raises(slcp.ArgumentError, match="policy is 'a'; choose from"):
@@ -103,6 +105,23 @@ def test_what_is_compared_is_of_one_case_and_is_told():
     coarse.add(("b", "hard", 0.02, "disturbed"), rows(13, 40))
     with pytest.warns(RuntimeWarning, match="are of other cases or step sizes"):
         first.compare("a", "b", "hard", other=slcp.Report(None, coarse))
+
+
+@pytest.mark.parametrize("change, alike", [
+    (lambda mass: mass, True), (lambda mass: 1.7 * mass, True), (lambda mass: mass + 2.0, True),
+    (lambda mass: 0.5 + 0.5 * mass, False), (lambda mass: mass[::-1], False),
+])  # fmt: skip
+def test_reports_of_other_worlds_are_told(change, alike):
+    """What a design draws about a number of its own is the same draw."""
+    one, two = MemorySource(), MemorySource()
+    rows_of = rows(1, 300)
+    one.add(("a", "hard", 0.01, "disturbed"), rows_of)
+    mass = change(rows_of["drawn_mass_0"].astype(float)).astype(np.float32)
+    two.add(("a", "hard", 0.01, "disturbed"), rows_of | {"drawn_mass_0": mass})
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        slcp.Report(None, one).compare("a", "a", other=slcp.Report(None, two))
+    assert [str(each.message)[:25] for each in said] == ([] if alike else ["Report.compare: mass_0 of"])
 
 
 def test_the_summary_is_that_of_the_columns():

@@ -43,6 +43,7 @@ MEASURES = {
     "change": m.change("pusher.shift"),
     "slid": m.excursion(m.state("block.x", "pusher.shift"), start=0.4),
     "swung": m.largest(abs(m.state("block.angle"))),
+    "rms": m.rms("block.vx", 0.1),
     "rubbed": m.integral(abs(m.slip("ground/block"))),
     "pace": m.mean("block.vx", where=m.contact("block/pusher") > 0.5),
     "back": m.share_of_time((m.since_start("block.vx") < 0.05) & (abs(m.state("block.x", 0)) < 0.2)),

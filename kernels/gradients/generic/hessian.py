@@ -154,10 +154,9 @@ def make_hessian(given: type, residual: str) -> SimpleNamespace:
             k.q[j] = w.q[j]
             k.v0[j] = w.rates[wp.static(OLD) * t.nv + j]
         step.begin(t, k, external, world)
-        if t.limited > 0:
-            if wp.static(contacts and not hard):
+        if wp.static(contacts and not hard):  # what tendons themselves do is linear in w.q
+            if t.limited > 0:
                 whole.keep(t, k)
-            step.tense(t, k)
         if wp.static(contacts):
             contact.move_shapes(t, k)
             refill(t, k)

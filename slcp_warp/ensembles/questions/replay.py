@@ -8,6 +8,7 @@ import numpy as np
 from ...inputs import checks
 from ...inputs.errors import ArgumentError
 from ...inputs.times import nearest_steps
+from ...measures.reductions import first_time
 from ...options import Options
 from ...parameters import Parameters
 from ...results import Trajectory
@@ -19,6 +20,7 @@ from ..launch import Recorded
 from ..tasks import case_of, judged_of
 from ..worlds import Worlds
 from ..worlds.draws import Given
+from ..worlds.others import warn_of_others
 from ..worlds.placed import placed
 from .made_again import recorded, steps_told
 
@@ -74,6 +76,7 @@ def replay(
         raise ArgumentError(f"worlds have {len(sizes)} step sizes; one is needed")
     h = sizes[0] if step_size is None else checks.number("step_size", step_size, 0.0, above=True)
     given = given.at_step_size(h)
+    warn_of_others(task, given, 3)
     assert task.duration is not None
     sim = Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
     steps = nearest_steps("Task.duration", task.duration, h)
@@ -103,4 +106,8 @@ def replay(
         found_again = recorded(sim, told.numpy(), found["unsolved_time"], h, parameters, wanted, numbers)
         shown = {name: found_again[name] for name in wanted}
     own_scene = Simulated.of(sim, parameters)
-    return Trajectory(states, found["status"], simulated=own_scene, _measured=sim.gaps, **shown)
+    made = None
+    if task.failure is not None:
+        ended = found["measures"][:, judged.index(first_time(task.failure))]
+        made = np.where(np.isfinite(ended), np.minimum(np.round(ended / h) + 1, steps), steps).astype(int)
+    return Trajectory(states, found["status"], simulated=own_scene, _measured=sim.gaps, _made=made, **shown)

@@ -81,6 +81,11 @@ CASES = {
         m.excursion(m.state("block.x", minus="block.angle")),
         (np.abs(T**2 - np.sin(T)).max(), np.abs(T + np.sin(T)).max()),
     ),
+    "rms": (m.rms("block.x"), (np.sqrt(np.mean(T[:-1] ** 4)), np.sqrt(np.mean((1.0 - T[:-1]) ** 2)))),
+    "rms of what is absolute, where": (
+        m.rms(abs(m.state("block.x")), 1.0, where=m.time() < 1.45),
+        (np.sqrt(np.mean(T[10:15] ** 4)), np.sqrt(np.mean((1.0 - T[10:15]) ** 2))),
+    ),
     "mean where": (m.mean("block.x", where=m.time() < 0.95), (np.mean(T[:10] ** 2), np.mean(1.0 - T[:10]))),
     "mean where it never holds": (m.mean("block.x", where=m.time() > 9.0), (np.nan, np.nan)),
     "sum where it never holds": (m.integral("block.x", where=m.time() > 9.0), (0.0, 0.0)),

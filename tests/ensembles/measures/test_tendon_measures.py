@@ -30,6 +30,7 @@ def train(limited: bool, **fields) -> slcp.Scene:
 ASKED = {
     "both": m.integral(m.tendon_force("both")),
     "one": m.integral(m.tendon_force(1)),
+    "rms": m.rms(m.tendon_force("both")),
     "most": m.largest(abs(m.tendon_force("both"))),
     "pulled": m.share_of_time(m.tendon_force("both") > 0.0),
     "mean": m.mean(m.tendon_force("one"), where=m.state("cart.vshift") > 0.0),
@@ -102,6 +103,31 @@ def test_a_replay_says_the_same(device, strategy, limited):
     run = slcp.replay(task, push, worlds, case=case, record="controls", **given)
     for name, measure in ASKED.items():
         np.testing.assert_allclose(run.measure(measure), of[name], rtol=1e-5, atol=1e-5, err_msg=name)
+
+
+@pytest.mark.parametrize("strategy, limited", KINDS[1:])
+def test_a_replay_ends_where_a_failure_did(device, strategy, limited, tmp_path):
+    """Of what was told to be far away, and stands still at once, servos ask for more than ever they did."""
+    scene = train(limited)
+    task, push = task_of(scene, failure=abs(m.state("cart.vshift")) > 0.6), pushing(scene)
+    given = {"device": device, "dtype": "float64", "strategy": strategy}
+    of = slcp.sweep(task, push, worlds=8, cases=slcp.Options("hard"), **given).part("policy")
+    worlds, case = slcp.draw_worlds(task, 8), slcp.Options("hard")
+    run = slcp.replay(task, push, worlds, case=case, record="controls", **given)
+    early = of["failure_time"] < (STEPS - 2) * H
+    assert 2 <= early.sum() and len(np.unique(of["failure_time"][early])) > 1
+    again = slcp.Trajectory.load(run.save(tmp_path / "run.npz"))
+    for name, measure in ASKED.items():
+        for each in (run, again, run[:]):
+            np.testing.assert_allclose(each.measure(measure), of[name], rtol=1e-5, atol=1e-5, err_msg=name)
+    np.testing.assert_allclose(run[early].measure(ASKED["rms"]), of["rms"][early], rtol=1e-5)
+    steps = np.round(of["failure_time"][early] / H).astype(int) + 1
+    for forces, made in zip(run.tendon_forces[early], steps):
+        assert np.abs(forces[:made]).max() > 0.0 and not forces[made:].any()
+    bad = run.record()
+    bad.header["made"] = [0] * 8
+    with pytest.raises(slcp.FileError, match="made is .*; 8 whole numbers from 1 to 60"):
+        slcp.Trajectory.load(bad.save(tmp_path / "bad.npz"))
 
 
 @pytest.mark.parametrize("law, sigma", [("hard", 0.5), ("rem-logistic", 0.0), ("rem-logistic", 0.5)])
