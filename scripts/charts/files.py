@@ -114,6 +114,20 @@ def file_kind(path: Path) -> str:
     return next((kind for kind, columns in TABLES.items() if has_columns(path, columns)), "size")
 
 
+def files_in(folder: Path, others: dict[str, Drawer] | None = None) -> tuple[list[Path], list[Path]]:
+    """Files of a folder that pictures are made of, and tables in it that none is made of."""
+    found = [file for ending in ("npz", "csv") for file in sorted(folder.glob(f"*.{ending}"))
+             if not file.name.startswith(".")]  # fmt: skip
+    drawers = DRAWERS | (others or {})
+    none = [file for file in found if file.suffix == ".csv" and not _has_drawer(file, drawers)]
+    return [file for file in found if file not in none], none
+
+
+def _has_drawer(file: Path, drawers: dict[str, Drawer]) -> bool:
+    kind = file_kind(file)
+    return kind in drawers and (kind != "size" or has_columns(file, set(sweep.SIZE_COLUMNS)))
+
+
 def _surface(order: Order) -> list[Path]:
     return [space.surface_chart(load_record(order.path, "surface"), order.picture)]
 

@@ -9,7 +9,6 @@ from slcp_warp.runs.manifest import NAME as MANIFEST
 
 from ..support.checkout import need_checkout
 from ..support.screen import checked_folder, one_line_errors, wrote
-from ..support.tables import RESULTS
 
 if TYPE_CHECKING:
     from ..charts.files import Order
@@ -22,24 +21,21 @@ def chart_command(
     world: Annotated[int, typer.Option(help="World of a trajectory to draw.")] = 0,
 ) -> None:
     """Draw pictures from saved files: contact surface, library, limit cycle, animation, trace, robustness."""
-    from ..charts.files import chart_files, worlds_of  # it loads matplotlib
+    from ..charts.files import chart_files, files_in, worlds_of  # it loads matplotlib
 
-    out = checked_folder(out)
+    out, others = checked_folder(out), {"results": _results}
     chosen: list[Path] = []
     for path in files:
         if path.is_dir() and not (path / MANIFEST).is_file():
-            inside = [
-                file
-                for name in ("*.npz", "size*.csv", "report*.csv", "sensitivity*.csv", "map*.csv", RESULTS)
-                for file in sorted(path.glob(name))
-                if not file.name.startswith(".")
-            ]
+            inside, none = files_in(path, others)
+            for file in none:
+                typer.echo(f"{file} is left out: no picture is made of such a table")
             if not inside:
-                raise ValueError(f"{path} holds no .npz file, no size*.csv, no report*.csv and no {RESULTS}")
+                raise ValueError(f"{path} holds no .npz file and no .csv that a picture is made of")
             chosen += inside
         else:
             chosen.append(path)
-    for picture in chart_files(chosen, out, world, {"results": _results}):
+    for picture in chart_files(chosen, out, world, others):
         wrote(picture)
     for path in chosen:
         if (count := worlds_of(path)) > 1:

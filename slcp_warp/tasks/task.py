@@ -248,7 +248,7 @@ class Task(Printed):
             if measure.start >= self.duration:
                 raise TaskError(
                     f"{label} counts from {measure.start} s on; a run ends after "
-                    f"Task.duration = {self.duration} s"
+                    f"Task.duration = {self.duration:g} s"
                 )
             for signal in measure.signals():
                 if signal.kind == "cost" and self.cost is NO_COST:

@@ -9,7 +9,7 @@ pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 
 from file_examples import PARTICLE, report, simulated
-from test_cli import call
+from test_cli import call, fails
 
 import slcp_warp as slcp
 from slcp_warp.ensembles.statistics.source import MemorySource
@@ -31,6 +31,21 @@ def test_every_file_has_a_picture_of_its_own(tmp_path):
     assert sorted(path.name for path in out.iterdir()) == [
         "report.png", "report_csv.png", "report_npz.png",
     ] and said.count("wrote") == 3  # fmt: skip
+
+
+def test_a_folder_is_drawn_whatever_its_files_are_called(tmp_path):
+    """Files were chosen by the names that commands give them, and others left out without a word."""
+    folder, out = tmp_path / "runs", tmp_path / "pictures"
+    folder.mkdir()
+    report().save(folder / "mine.csv")
+    report().save(folder / ".hidden.csv")
+    (folder / "notes.csv").write_text("day,what\n1,bought\n")
+    (folder / "rare.csv").write_text("margin,reached,accepted,share,low,high\n0.0,0.1,nan,0.1,0.05,0.2\n")
+    said = " ".join(call("chart", folder, "--out", out).output.split())
+    assert sorted(path.name for path in out.iterdir()) == ["mine.png"]
+    assert "notes.csv is left out" in said and "rare.csv is left out" in said and "hidden" not in said
+    (folder / "mine.csv").unlink()
+    assert "no .csv that a picture is made of" in fails("chart", folder, "--out", out)
 
 
 @pytest.mark.parametrize(

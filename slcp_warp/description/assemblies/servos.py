@@ -68,8 +68,8 @@ def limited_servo(
         SceneError: no such degree of freedom, or numbers that cannot be.
     """
     damping = _damping(body, stiffness, damping, dof)
-    number("force_limit", force_limit, 0.0, above=True, error=SceneError)
-    number("force_sigma", force_sigma, 0.0, error=SceneError)
+    number(f"body {body.name!r}: force_limit", force_limit, 0.0, above=True, error=SceneError)
+    number(f"body {body.name!r}: force_sigma", force_sigma, 0.0, error=SceneError)
     word = DOFS[body.joint][dof]
     name = f"{body.name}_servo" if JOINTS[body.joint] == 1 else f"{body.name}_{word}_servo"
     coordinate = f"{body.name}.{word}"
@@ -80,14 +80,14 @@ def limited_servo(
 def _damping(body: Body, stiffness: float, damping: float | None, dof: int) -> float:
     """The damping of a servo, critical where it is None; arguments of one that cannot be are a SceneError."""
     instance("body", body, Body, "a Body")
-    number("stiffness", stiffness, 0.0, above=True, error=SceneError)
-    whole("dof", dof, 0, error=SceneError)
+    number(f"body {body.name!r}: stiffness", stiffness, 0.0, above=True, error=SceneError)
+    whole(f"body {body.name!r}: dof", dof, 0, error=SceneError)
     count = JOINTS[body.joint]
     if dof >= count:
         raise SceneError(f"body {body.name!r}: dof is {dof}; joint {body.joint!r} has {count}, from 0")
     if damping is None:
         damping = 2.0 * math.sqrt(stiffness * _inert(body, dof))
-    return number("damping", damping, 0.0, error=SceneError)
+    return number(f"body {body.name!r}: damping", damping, 0.0, error=SceneError)
 
 
 def _inert(body: Body, dof: int) -> float:

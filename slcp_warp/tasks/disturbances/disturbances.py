@@ -170,7 +170,7 @@ class Disturbances:
         if late:
             raise ArgumentError(
                 f"{late[0][0]} holds {late[0][1]}; times before the end of a run, "
-                f"Task.duration = {duration} s, are needed"
+                f"Task.duration = {duration:g} s, are needed"
             )
         self.check_kicks(scene.step_size, duration)
 
