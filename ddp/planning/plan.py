@@ -25,6 +25,7 @@ from ..sampling.options import SHARE, Sampling, limit_share
 from ..sampling.sampler import Sampler
 from ..workspace import Workspace
 from .late import Late, delay_of
+from .set_points import set_points
 
 METHODS = ("gauss-newton", "second-order")
 SCHEDULES = Regularization(  # of the state, and of the control as Tassa, Mansard & Todorov (2014) have it
@@ -103,8 +104,9 @@ def plan_starts(
 ) -> np.ndarray:
     """Controls (count, count + 1 or count + 2, N, nu) to plan from, within the limits.
 
-    Zeros and smoothed noise; where there are four of them the best of `sample` as well and, where the first
-    state is unstable, what multiple shooting from that state held comes to once its gaps are closed.
+    Zeros and smoothed noise, of servos about the set-points that hold the first state's place
+    (`set_points`); where there are four of them the best of `sample` as well and, where the first state is
+    unstable, what multiple shooting from that state held comes to once its gaps are closed.
 
     Args:
         scale: standard deviation of what is sampled and, times 1, 2.5 and 5 in turn, of the noise; None: a
@@ -116,11 +118,15 @@ def plan_starts(
     scale = drawn.deviations(problem.control_limits, problem.nu)[0]
     lower, upper = problem.limit_rows()
     us = random_starts(count, problem.horizon, problem.nu, scale, seed)
-    us = np.clip(us * np.resize(WIDTHS, count)[:, None, None], lower[0], upper[0])
+    us = us * np.resize(WIDTHS, count)[:, None, None]
+    held = set_points(getattr(problem.dynamics, "scene", None), np.asarray(x0, float))
+    if held.any():
+        us += held
+    us = np.clip(us, lower[0], upper[0])
     if count < SAMPLED:
         return us
     sampler = Sampler(problem, 1, replace(sampling or Sampling(), scale=scale))
-    sampler.run(x0, None, seed)
+    sampler.run(x0, us[0] if held.any() else None, seed)
     found: list[Sampler | Workspace] = [sampler]
     work = Workspace(problem, 1, Options(method=method, start="hold", max_iterations=GAP_PASSES))
     if unstable(work, x0)[0]:
@@ -166,8 +172,9 @@ def plan(
 
     Args:
         task: what is planned.
-        starts: how many of zeros and smoothed noise, to which `plan_starts` adds sampled and stabilised ones
-            from four on; or the controls themselves as they act, (S, N, nu).
+        starts: how many of zeros (of servos the set-points that hold x0) and smoothed noise, to which
+            `plan_starts` adds sampled and stabilised ones from four on; or the controls themselves as they
+            act, (S, N, nu).
         seed: of noise and sampling.
         explore: standard deviation of the noise of narrow starts, and of what is sampled, a number or (nu,);
             others have 2.5 and 5 times as much. None: as of `sampling`, else a fifth of the limits, or 1.

@@ -14,6 +14,7 @@ from plan import LAYERS, ROOT, source_files
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import noise_scale, plan_starts, random_starts
+from slcp_warp.ddp.planning.set_points import set_points
 
 CONSTRUCTORS = ("slcp_warp/tasks/", "slcp_warp/scenes/")  # what the names stand for is made there
 
@@ -289,3 +290,34 @@ def test_a_start_beyond_a_limit_is_told(monkeypatch):
         ddp.plan(task, x0=[0.5, 1.2, 3.0, 4.0])
     with pytest.warns(RuntimeWarning, match="x0 has arm.angle 0.25 below its lower limit"):
         ddp.plan(task, x0=[-0.75, 0.0, 0.0, 0.0])
+
+
+def servoed():
+    """A lift whose joint has a servo, an arm with a limited one, and a wrist that a torque turns."""
+    lift, up = slcp.servo(slcp.Body("lift", 1.0, 0.1, joint="prismatic"), 300.0)
+    arm = slcp.Body("arm", 1.0, 0.1, "lift", com=(0.2, 0.0))
+    wrist = slcp.Body("wrist", 0.1, 0.01, "arm", anchor=(0.4, 0.0), stiffness=5.0)
+    drive, motor = slcp.limited_servo(arm, 40.0, 9.0)
+    motors = (up, motor, slcp.Actuator("wrist", gear=2.0))
+    return slcp.Scene("servoed", (lift, arm, wrist), actuators=motors, tendons=(drive,), step_size=0.01)
+
+
+def test_plans_of_servos_begin_where_they_are(device):
+    """About the set-points of the first state's place; others about nothing, as ever."""
+    scene, x0 = servoed(), np.array([0.3, -1.2, 0.5, 0.1, 0.0, 0.0])
+    np.testing.assert_allclose(set_points(scene, x0), [0.3, -1.2, 0.0])
+    sim = slcp.Simulator(scene, slcp.Options("hard"), dtype="float64", device=device)
+    start = np.array([0.3, -1.2, 0.0, 0.0, 0.0, 0.0])
+    still = sim.step(start[None], set_points(scene, start)[None]).state[0]
+    np.testing.assert_allclose(still, start + [0, 0, 0, *(still - start)[3:]], atol=0.1)
+    assert np.abs(still[3:]).max() < 0.2  # 9.81 m/s2 for .01 s; zeros pull with 90 N and 9 N m
+    cost = slcp.costs.terms(scene, [slcp.costs.effort(1.0)])
+    problem = ddp.Problem(sim, cost, 30, None, (-0.9, 0.9))
+    us = plan_starts(problem, x0, 3, seed=2, scale=0.01)
+    np.testing.assert_allclose(us[0], np.broadcast_to([0.3, -0.9, 0.0], (30, 3)))
+    noise = np.clip(
+        random_starts(3, 30, 3, 0.01, 2) * [[[5.0]], [[1.0]], [[2.5]]] + [0.3, -1.2, 0.0], -0.9, 0.9
+    )
+    np.testing.assert_allclose(us, noise)
+    assert not set_points(slcp.scenes.flicking_finger(), np.ones(6)).any()
+    assert not set_points(slcp.scenes.hopper(), np.ones(2 * slcp.scenes.hopper().nv)).any()
