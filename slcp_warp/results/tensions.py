@@ -62,6 +62,13 @@ def tendon_forces(
     return out
 
 
+def forces_are_known(scene: Scene, options: Options, controls: Any) -> bool:
+    """Whether `tendon_forces` has what it needs, of tendons that there are."""
+    s = scene.structure
+    driven = any(s.driven_tendon(i) >= 0 for i in range(s.nu))
+    return bool(s.tendons) and not options.method.trapezoidal and (controls is not None or not driven)
+
+
 def _clamped(asked: np.ndarray, most: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """What is asked for within a limit, or the mean of that under logistic noise of a scale (M65)."""
     scale = np.where(sigma > 0.0, sigma, 1.0)

@@ -29,7 +29,7 @@ from .records import Record, read_record
 from .simulated import Simulated
 from .statuses import statuses
 from .step import contact_impulse
-from .tensions import tendon_forces
+from .tensions import forces_are_known, tendon_forces
 from .turning import turned
 from .worlds import columns, pair_gap, selected, some_worlds
 
@@ -335,7 +335,9 @@ class Trajectory(Printed):
         known = {name: getattr(self, name) is not None for name in ("controls", "impulse")}
         pushes = self._by_pair[index, :, :, 0].sum(axis=-1).astype(float) if known["impulse"] else None
         controls = self.recorded("controls")[index] if known["controls"] else None
-        return Motion(self.scene, self._known().world(index), times, states, pushes, controls)
+        known_pulls = forces_are_known(self.scene, self.options, controls)
+        pulls = self._pulls(np.arange(len(self)) == index)[0] if known_pulls else None
+        return Motion(self.scene, self._known().world(index), times, states, pushes, controls, pulls)
 
     def plot(self, world: int = 0) -> Any:
         """A matplotlib figure of a world: the mechanism on its way, its states and what was recorded.

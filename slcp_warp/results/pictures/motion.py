@@ -21,6 +21,7 @@ class Motion:
         states: (T+1, nx).
         pushes: (T,) normal impulse of all pairs together [N s], NaN of failed steps; None: not recorded.
         controls: (T, nu); None: not recorded.
+        pulls: (T, tendons) forces of tendons [N, N m]; None: there are none, or they are not known.
     """
 
     scene: Scene
@@ -29,6 +30,7 @@ class Motion:
     states: np.ndarray
     pushes: np.ndarray | None = None
     controls: np.ndarray | None = None
+    pulls: np.ndarray | None = None
 
     @property
     def impulse(self) -> np.ndarray:
@@ -48,7 +50,7 @@ class Motion:
     def since(self, step: int) -> "Motion":
         """The motion from a step on, its time from 0."""
         cut: dict[str, Any] = {"time": self.time[step:] - self.time[step], "states": self.states[step:]}
-        for name in ("pushes", "controls"):
+        for name in ("pushes", "controls", "pulls"):
             whole = getattr(self, name)
             cut[name] = None if whole is None else whole[step:]
         return replace(self, **cut)

@@ -13,7 +13,7 @@ LINES = 12  # with a legend; further ones are drawn without a name
 
 
 def figure(motion: Motion) -> Any:
-    """Frames on top; below an axes for every unit of the states, for controls and impulses."""
+    """Frames on top; below an axes for every unit of the states, for controls, tendons and impulses."""
     panels = _panels(motion)
     with plt.style.context(STYLE):
         sheet = plt.figure(figsize=(9.0, 2.2 + 1.6 * len(panels)), layout="constrained")
@@ -47,6 +47,9 @@ def _panels(motion: Motion) -> list[tuple[str, dict[str, np.ndarray], str]]:
     if motion.controls is not None and scene.nu:
         lines = {name: _held(motion.controls[:, j]) for j, name in enumerate(scene.control_names)}
         panels.append(("control", lines, "steps-post"))
+    if motion.pulls is not None:
+        lines = {name: _held(motion.pulls[:, j]) for j, name in enumerate(scene.tendon_names)}
+        panels.append(("tendon [N, N m]", lines, "steps-post"))
     if motion.pushes is not None:
         panels.append(("impulse [N s]", {"all pairs": _held(motion.pushes)}, "steps-post"))
     return panels

@@ -181,3 +181,16 @@ def test_errors_name_what_there_is():
     run = slcp.Simulator(scene, slcp.Options("hard"), device="cpu").rollout(scene.x0, np.zeros((5, 3)))
     with pytest.raises(slcp.ArgumentError, match="record='controls'"):
         run.measure(m.final(m.tendon_force("both")))
+
+
+def test_a_picture_has_the_forces_where_they_are_known():
+    pytest.importorskip("matplotlib")
+    scene = train(False)
+    sim = slcp.Simulator(scene, slcp.Options("hard"), device="cpu", dtype="float64", strategy="specialised")
+    for record in ((), ("controls",)):
+        run = sim.rollout(np.tile(scene.x0, (2, 1)), np.ones((2, 5, 3)), record=record)
+        drawn = {ax.get_ylabel(): ax for ax in run.plot(1).axes}
+        assert ("tendon [N, N m]" in drawn) == bool(record)
+    lines = {line.get_label(): line.get_ydata() for line in drawn["tendon [N, N m]"].get_lines()}
+    assert list(lines) == ["both", "one"]
+    np.testing.assert_array_equal(lines["both"][:-1], run.tendon_forces[1, :, 0])
