@@ -141,6 +141,8 @@ def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
     lacks = missing(s, method)
     alone = of_generic_kernels(s, method)
     if alone and (strategy == "specialised" or lacks):
+        if alone in lacks:
+            raise StrategyError(f"{lacks} is not offered by any kernels")
         reason = f"; these do not offer {lacks}" if lacks else ""
         raise StrategyError(f"{alone} is offered by the generic kernels alone{reason}")
     if strategy == "generic" and lacks:
