@@ -163,6 +163,7 @@ def test_the_table_is_saved(device, tmp_path):
     lines = found.save(tmp_path / "tuned.csv").read_text().splitlines()
     assert lines[0] == "round,force,success_share" and len(lines) == 10
     assert "most success: force = " in repr(found) and "success [%]" in str(found)
+    assert "..." not in repr(found) and f"worlds each, ended by {found.ended}" in " ".join(str(found).split())
 
 
 @pytest.mark.parametrize(

@@ -71,16 +71,13 @@ class Tuned(Printed):
 
     def _line(self) -> str:
         found = ", ".join(f"{name.rstrip(ITSELF)} = {value:.4g}" for name, value in self.numbers.items())
-        tries = counted(len(self.tried["round"]), "candidate")
-        text = (
+        return (
             f"{self.wanted}: {found}; {percents(self.best.success)} % of {self.test_worlds:,} other worlds "
-            f"succeed, with the first numbers {percents(self.first.success)} %; {tries} in {self.worlds:,} "
-            f"worlds each, ended by {self.ended}"
+            f"succeed, with the first numbers {percents(self.first.success)} %"
         )
-        return text + (f"; at the end of its range: {', '.join(self.at_end)}" if self.at_end else "")
 
     def _remarks(self) -> list[str]:
-        out = []
+        out = [f"at the end of its range: {', '.join(self.at_end)}"] if self.at_end else []
         if self.value_name is None and not self.better[1] > 0.0:
             out.append(
                 f"no better than the first, as far as these worlds tell: by {percents(self.better)} points"
@@ -107,4 +104,6 @@ class Tuned(Printed):
         if self.value_name is not None and self.value_name not in self.numbers:
             means = ("{} ({} to {})".format(*map(cell, each.value)) for each in both)
             rows.append((f"mean of {self.value_name}", *means))
-        return [Table("", ("", "first", "best"), rows, most=len(rows))]
+        tries = counted(len(self.tried["round"]), "candidate")
+        title = f"{tries} in {self.worlds:,} worlds each, ended by {self.ended}"
+        return [Table(title, ("", "first", "best"), rows, most=len(rows))]
