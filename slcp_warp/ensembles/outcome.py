@@ -188,6 +188,7 @@ class Report(Printed):
         checks.instance("other", other, Report | None, "a Report")
         there = self if other is None else other
         a = self._only(first, case, step_size)
+        checks.instance("policy", second, str, "a text")
         alike = [k for k in there.source.keys if k[0] == second and k[1:] == a[1:]]
         b = there.key(second, case, step_size) if not alike else alike[0]
         if a[1:] != b[1:]:
