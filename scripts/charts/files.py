@@ -1,6 +1,6 @@
 """Every picture, from saved files only: a drawer for each kind of file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,7 +56,7 @@ Drawer = Callable[[Order], list[Path]]
 
 
 def chart_files(
-    files: list[Path], out: Path, world: int = 0, others: dict[str, Drawer] | None = None
+    files: list[Path], out: Path, world: int = 0, others: Mapping[str, Drawer] | None = None
 ) -> list[Path]:
     """Draw what the files hold into the folder `out`; returns the pictures.
 
@@ -67,7 +67,7 @@ def chart_files(
         RecordError, LibraryError, ValueError: a file that cannot be drawn.
         FileNotFoundError: no such file.
     """
-    drawers, names = DRAWERS | (others or {}), picture_names(files)
+    drawers, names = DRAWERS | dict(others or {}), picture_names(files)
     kinds = {path: file_kind(path) for path in names}
     for path, kind in kinds.items():
         if kind not in drawers:
@@ -114,11 +114,11 @@ def file_kind(path: Path) -> str:
     return next((kind for kind, columns in TABLES.items() if has_columns(path, columns)), "size")
 
 
-def files_in(folder: Path, others: dict[str, Drawer] | None = None) -> tuple[list[Path], list[Path]]:
+def files_in(folder: Path, others: Mapping[str, Drawer] | None = None) -> tuple[list[Path], list[Path]]:
     """Files of a folder that pictures are made of, and tables in it that none is made of."""
     found = [file for ending in ("npz", "csv") for file in sorted(folder.glob(f"*.{ending}"))
              if not file.name.startswith(".")]  # fmt: skip
-    drawers = DRAWERS | (others or {})
+    drawers = DRAWERS | dict(others or {})
     none = [file for file in found if file.suffix == ".csv" and not _has_drawer(file, drawers)]
     return [file for file in found if file not in none], none
 
