@@ -5,9 +5,11 @@ judged by its directory before anything is unpacked, every array by its own head
 aside, and only the arrays that are asked for are read.
 """
 
+import io
 import json
 import math
 import os
+import re
 import struct
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -25,6 +27,12 @@ CHUNK = 2**20
 _END = struct.Struct("<4s4H2LH")
 _LOCAL = struct.Struct("<26xH2x")  # what stands before an array's name, and how long that is
 _UTF8 = 0x800
+# A header as NumPy writes it. NumPy reads it by Python's own parser, which in CPython 3.11 (gh-106905) may
+# raise a SystemError of a sound file where another thread parses, too.
+PLAIN = re.compile(
+    rb"\{'descr': '([<>|=][a-zA-Z]\d+)', 'fortran_order': (True|False), "
+    rb"'shape': \(((?:\d{1,18}, ?)*\d{0,18})\), \} *\n?"
+)
 
 
 def write_archive(
@@ -148,7 +156,13 @@ def _array_header(member: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     version = np.lib.format.read_magic(member)
     if version != (1, 0):  # others are for headers of more than 64 kB
         raise FileError(f"an array is of NumPy's format {version}")
-    return np.lib.format.read_array_header_1_0(member)
+    start = member.read(2)
+    text = member.read(int.from_bytes(start, "little"))
+    found = PLAIN.fullmatch(text)
+    if found is None:  # whatever else there is, NumPy says
+        return np.lib.format.read_array_header_1_0(io.BytesIO(start + text))
+    descr, fortran, shape = (part.decode("latin1") for part in found.groups())
+    return tuple(int(n) for n in shape.split(",") if n.strip()), fortran == "True", np.dtype(descr)
 
 
 def _fill(view: memoryview, member: IO[bytes], name: str) -> None:

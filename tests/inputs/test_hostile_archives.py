@@ -16,7 +16,7 @@ pytest.importorskip("matplotlib")
 from file_examples import FORMATS, library, outcome, rewritten
 
 from slcp_warp import ddp
-from slcp_warp.storage.archive import open_archive
+from slcp_warp.storage.archive import open_archive, write_archive
 from slcp_warp.storage.files import FileError
 
 NAN, INF = np.nan, np.inf
@@ -324,3 +324,32 @@ def test_only_what_is_needed_is_looked_at(tmp_path):
     form, path = written(tmp_path, "library")
     rewritten(path, other=np.array([None], dtype=object))
     assert len(form.load(path)) == 6
+
+
+SOUND = [
+    np.zeros(3),
+    np.array(2.5),
+    np.ones((2, 3), np.float32),
+    np.asfortranarray(np.eye(4)[:, :3]),
+    np.array("text"),
+    np.array(["a", "bb"]),
+    np.zeros((0, 3), np.int32),
+    np.array([True]),
+    np.ones((2, 1, 2), ">f8"),
+]
+
+
+def test_headers_are_those_of_numpy_without_pythons_parser(tmp_path, monkeypatch):
+    """In CPython 3.11 a thread that parses makes another's raise: a sound policy was told to be damaged."""
+    path = tmp_path / "sound.npz"
+    write_archive(path, {"a": 1}, {f"n{i}": array for i, array in enumerate(SOUND)})
+
+    def mismatch(*_):
+        raise SystemError("AST constructor recursion depth mismatch (before=76, after=69)")
+
+    monkeypatch.setattr("ast.literal_eval", mismatch)
+    with open_archive(path) as archive:
+        for i, array in enumerate(SOUND):
+            found = archive.read(f"n{i}", "fibU")
+            np.testing.assert_array_equal(found, array)
+            assert found.shape == array.shape and found.flags.f_contiguous == array.flags.f_contiguous
