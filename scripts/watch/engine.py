@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from slcp_warp.results.pictures.contacts import contact_points, forces
+from slcp_warp.stepping.acting import Acting, acting
 
-from .acting import Acting, acting
 from .knobs import SPEED, Knob, knobs_of
 from .pull import Pull, catch
 from .record import Record

@@ -13,7 +13,6 @@ from slcp_warp.description.kinematics import turn
 from slcp_warp.results.pictures.contacts import contact_points
 from slcp_warp.results.pictures.mechanism import Mechanism
 from slcp_warp.scripts.commands.watch import watched
-from slcp_warp.scripts.watch.acting import acting
 from slcp_warp.scripts.watch.engine import Engine
 from slcp_warp.scripts.watch.messages import parsed
 from slcp_warp.scripts.watch.player import Player
@@ -21,6 +20,7 @@ from slcp_warp.scripts.watch.pull import PROBE, catch
 from slcp_warp.scripts.watch.record import Replay
 from slcp_warp.scripts.watch.scenario import buttons_of
 from slcp_warp.scripts.watch.world import Subject, Worlds
+from slcp_warp.stepping.acting import acting
 from slcp_warp.storage.files import FileError
 
 ELLIPSE = [0.2, -3.05]  # a point of the free ellipse at the start

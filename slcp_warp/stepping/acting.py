@@ -5,11 +5,11 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-import slcp_warp as slcp
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.policies.ask import make_ask_kernel
-from slcp_warp.stepping.arguments import policy_arrays
-from slcp_warp.stepping.host import Asked, acts_on_host
+
+from .arguments import policy_arrays
+from .host import Asked, acts_on_host
 
 
 class Acting(Protocol):
@@ -33,7 +33,7 @@ class Nothing:
 class InKernel:
     """A policy in a kernel: its arrays, and its memory, are kept between two steps."""
 
-    def __init__(self, policy: Any, sim: slcp.Simulator, worlds: int) -> None:
+    def __init__(self, policy: Any, sim: Any, worlds: int) -> None:
         self.sim, (kernel, self.struct) = sim, policy_arrays(policy, sim, worlds)
         self.kernel = make_ask_kernel(kernel, sim.nx, sim.nu, sim.dtype)
         self.memory = sim.empty(worlds, kernel.functions(sim.nx, sim.nu, sim.dtype).memory)
@@ -51,7 +51,7 @@ class InKernel:
 class OnHost:
     """A policy that acts on the host, asked once a period and held in between, whatever the steps' size."""
 
-    def __init__(self, policy: Any, sim: slcp.Simulator, worlds: int) -> None:
+    def __init__(self, policy: Any, sim: Any, worlds: int) -> None:
         self.asked = Asked(policy, sim, np.arange(worlds), np.array([sim.scene.step_size]))
         self.held = np.zeros((worlds, sim.nu))
         self.periods = -1  # that had begun when it was asked last
@@ -64,7 +64,7 @@ class OnHost:
         return self.held
 
 
-def acting(policy: Any, sim: slcp.Simulator, worlds: int) -> Acting:
+def acting(policy: Any, sim: Any, worlds: int) -> Acting:
     """A policy at work; None: no control."""
     if policy is None or not sim.nu:
         return Nothing(sim.nu)
