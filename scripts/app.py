@@ -38,6 +38,7 @@ IN_CHECKOUTS = {  # commands of `slcp paper` and `slcp` that a wheel leaves out:
     "impact": ("studies.impact", "impact_command"),
     "residuals": ("studies.residuals", "residuals_command"),
     "mpc": ("studies.online.mpc", "mpc_command"),
+    "sensors": ("studies.online.sensors", "sensors_command"),
     "success": ("studies.online.arms", "arms_command"),
     "published": ("studies.published.command", "published_command"),
     "starts": ("studies.starts.command", "starts_command"),

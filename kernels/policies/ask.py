@@ -20,6 +20,7 @@ def make_ask_kernel(policy: PolicyKernel, nx: int, nu: int, dtype: type) -> wp.K
         first: int,
         k: int,
         control: Policy,
+        numbers: wp.array(dtype=wp.int32),  # (B,) of the worlds
         state: wp.array2d(dtype=dtype),  # (B, nx)
         status: wp.array(dtype=wp.int32),  # (B,)
         memories: wp.array2d(dtype=dtype),  # in and out (B, memory of the policy)
@@ -31,8 +32,8 @@ def make_ask_kernel(policy: PolicyKernel, nx: int, nu: int, dtype: type) -> wp.K
         x = VX()
         for j in range(nx):
             x[j] = state[i, j]
-        memory = asked.recall(control, memories, i, i, k, x)
-        u, memory = asked.ask(control, i, k, x, memory)
+        memory = asked.recall(control, memories, i, numbers[i], k, x)
+        u, memory = asked.ask(control, numbers[i], k, x, memory)
         asked.keep(memories, i, memory)
         for j in range(nu):
             us[i, j] = u[j]

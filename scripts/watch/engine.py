@@ -72,7 +72,7 @@ class Engine:
 
     def choose(self, name: str) -> None:
         """Give the controls to another policy, from its beginning."""
-        self.acting: Acting = acting(self.policies[name], self.worlds.sim, len(self.worlds.state))
+        self.acting: Acting = acting(self.policies[name], self.worlds.sim, np.arange(len(self.worlds.state)))
         self.policy, self.since = name, self.time
         self.lost = self._lost()
 

@@ -9,6 +9,7 @@ from slcp_warp.kernels.policies.contract import PolicyFunctions, PolicyKernel
 from ..stepping.host import HostPolicy
 from .around import Around
 from .callback import Callback
+from .estimated import Belief, Estimated, KalmanFilter
 from .function import Function
 from .linear import Linear
 from .network import Network
@@ -18,9 +19,12 @@ from .saved import load_policy, save_policy
 
 __all__ = [
     "Around",
+    "Belief",
     "Callback",
+    "Estimated",
     "Function",
     "HostPolicy",
+    "KalmanFilter",
     "Linear",
     "Network",
     "Observation",

@@ -33,17 +33,18 @@ class Nothing:
 class InKernel:
     """A policy in a kernel: its arrays, and its memory, are kept between two steps."""
 
-    def __init__(self, policy: Any, sim: Any, worlds: int) -> None:
-        self.sim, (kernel, self.struct) = sim, policy_arrays(policy, sim, worlds)
-        self.kernel = make_ask_kernel(kernel, sim.nx, sim.nu, sim.dtype)
+    def __init__(self, policy: Any, sim: Any, numbers: np.ndarray) -> None:
+        self.sim, (kernel, self.struct) = sim, policy_arrays(policy, sim, int(numbers.max(initial=0)) + 1)
+        self.kernel, worlds = make_ask_kernel(kernel, sim.nx, sim.nu, sim.dtype), len(numbers)
         self.memory = sim.empty(worlds, kernel.functions(sim.nx, sim.nu, sim.dtype).memory)
         self.us = sim.empty(worlds, max(sim.nu, 1))
         self.status: Any = wp.zeros(worlds, dtype=wp.int32, device=sim.device)
+        self.numbers: Any = wp.array(numbers, dtype=wp.int32, device=sim.device)
 
     def controls(self, x: np.ndarray, step: int, time: float) -> np.ndarray:
         """Asks the kernel."""
         state: Any = wp.array(x, dtype=self.sim.dtype, device=self.sim.device)
-        inputs = [step, self.struct, state, self.status, self.memory, self.us]
+        inputs = [step, self.struct, self.numbers, state, self.status, self.memory, self.us]
         launch(self.kernel, len(x), inputs, self.sim.device)
         return np.asarray(self.us.numpy()[:, : self.sim.nu], float)
 
@@ -51,9 +52,9 @@ class InKernel:
 class OnHost:
     """A policy that acts on the host, asked once a period and held in between, whatever the steps' size."""
 
-    def __init__(self, policy: Any, sim: Any, worlds: int) -> None:
-        self.asked = Asked(policy, sim, np.arange(worlds), np.array([sim.scene.step_size]))
-        self.held = np.zeros((worlds, sim.nu))
+    def __init__(self, policy: Any, sim: Any, numbers: np.ndarray) -> None:
+        self.asked = Asked(policy, sim, numbers, np.array([sim.scene.step_size]))
+        self.held = np.zeros((len(numbers), sim.nu))
         self.periods = -1  # that had begun when it was asked last
 
     def controls(self, x: np.ndarray, step: int, time: float) -> np.ndarray:
@@ -64,8 +65,8 @@ class OnHost:
         return self.held
 
 
-def acting(policy: Any, sim: Any, worlds: int) -> Acting:
-    """A policy at work; None: no control."""
+def acting(policy: Any, sim: Any, numbers: np.ndarray) -> Acting:
+    """A policy at work in the worlds of these numbers (B,); None: no control."""
     if policy is None or not sim.nu:
         return Nothing(sim.nu)
-    return OnHost(policy, sim, worlds) if acts_on_host(policy) else InKernel(policy, sim, worlds)
+    return OnHost(policy, sim, numbers) if acts_on_host(policy) else InKernel(policy, sim, numbers)

@@ -37,6 +37,10 @@ def sim(**options):
     return slcp.Simulator(FINGER, slcp.Options(**options), device="cpu")
 
 
+def kalman():
+    return slcp.policies.KalmanFilter(sim(), {"link1.angle": 0.1}, 0.1, start=1.0)
+
+
 def library():
     zeros = np.zeros(3)
     return ddp.Library(
@@ -103,6 +107,18 @@ CALLS = {
                                            "force_limit": 3.0, "damping": 0.5}, {}),
     "Environment": (slcp.Environment, {"task": KICKED, "worlds": 2, "device": "cpu"},
         {"period": ("controls",)}),
+    "KalmanFilter": (slcp.policies.KalmanFilter, {"model": sim(), "sensors": {"link1.angle": 0.1},
+        "process": 0.1}, {}),
+    "KalmanFilter.predict": (lambda **given: kalman().predict(kalman().begin(2), **given), {"u": U}, {}),
+    "KalmanFilter.correct": (lambda **given: kalman().correct(kalman().begin(2), **given),
+        {"measured": U[:, :1]}, {}),
+    "KalmanFilter.estimate": (lambda **given: kalman().estimate(**given),
+        {"measured": np.zeros((2, 6, 1)), "controls": US}, {}),
+    "Estimated": (slcp.policies.Estimated, {"policy": slcp.policies.Linear(np.zeros((2, 6))),
+        "filter": slcp.policies.KalmanFilter(sim(), {"link1.angle": 0.1}, 0.1)}, {}),
+    "Estimated.of_task": (slcp.policies.Estimated.of_task, {"task": KICKED, "process": 0.1,
+        "policy": slcp.policies.Linear(np.zeros((2, 6))), "sensors": {"link1.angle": 0.1}},
+        {"policy": ("step_size",)}),
     "Environment.step": (ENVIRONMENT.step, {"controls": U}, {}),
     "Environment.reset": (ENVIRONMENT.reset, {}, {}),
     "touching": (slcp.touching, {"shapes": ROUND, "others": ROUND}, {}),

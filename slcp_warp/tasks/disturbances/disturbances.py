@@ -198,6 +198,13 @@ class Disturbances:
         even = drawn.law == LAWS.index(Uniform.law)
         return np.where(even, (drawn.second - drawn.first) / np.sqrt(12.0), drawn.first)
 
+    def first_states(self, scene: Scene, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (M, nx) and standard deviation (nx,) of what is drawn around starts (M, nx)."""
+        drawn = self.start_laws(scene, starts)
+        even = drawn.law == LAWS.index(Uniform.law)
+        middle = 0.5 * (drawn.first + drawn.second)
+        return np.where(even, middle, np.broadcast_to(drawn.base, starts.shape)), self.deviation(scene)
+
     def kick_laws(self, scene: Scene) -> laws.Laws:
         """How kicks (K nv) are drawn.
 

@@ -158,7 +158,7 @@ def test_a_host_policy_is_asked_once_a_period():
     asked = []
     policy = slcp.policies.Callback(lambda x, time: asked.append(time) or np.zeros(2), period=0.2)
     sim = slcp.tasks.flicking_finger().simulator()
-    held = acting(policy, sim, 1)
+    held = acting(policy, sim, np.arange(1))
     for k in range(8):
         held.controls(np.zeros((1, 6)), k, 0.05 * k)
     np.testing.assert_allclose(asked, [0.0, 0.2])

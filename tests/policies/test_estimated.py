@@ -1,0 +1,230 @@
+"""Policies behind a Kalman filter, in sweeps and rollouts: what they see, and when their controls act."""
+
+import copy
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp import ddp, policies
+from slcp_warp import measures as m
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.policies import Estimated, KalmanFilter
+
+H, STEPS = 0.05, 40
+CART = slcp.Scene(
+    "cart",
+    bodies=(slcp.Body("cart", 2.0, 0.01, joint="prismatic"),),
+    actuators=(slcp.Actuator("cart"),),
+    step_size=H,
+)
+GAIN = np.array([[-3.0, -2.5]])
+LINEAR = policies.Linear(GAIN)
+NOISE = {"cart.shift": 0.01, "cart.vshift": 3.0}  # a speed that is worth nothing
+
+
+def task(**changes):
+    fields = {
+        "name": "cart", "scene": CART, "duration": STEPS * H, "start": [0.5, 0.0],
+        "options": slcp.Options(residual="hard"), "measures": {"place": m.final("cart.shift")},
+        "success": m.largest("cart.shift") < 0.6,
+        "disturbances": slcp.Disturbances(start={"cart.vshift": 0.3}, sensor=NOISE),
+    }  # fmt: skip
+    return slcp.Task(**{**fields, **changes})
+
+
+def estimated(policy=LINEAR, of=None, sensors=("cart.shift",), process=0.05, **given):
+    return Estimated.of_task(of or task(), policy, list(sensors), process, **given)
+
+
+def runs(policy, of=None, worlds=5, **given):
+    of = of or task()
+    drawn = slcp.draw_worlds(of, list(range(worlds)), seed=3, dtype="float64", device="cpu")
+    given = {"record": ("controls",), "device": "cpu", "dtype": "float64", "seed": 3} | given
+    return slcp.replay(of, policy, drawn, **given)
+
+
+def test_the_speed_is_found_from_places():
+    run, policy = runs(made := estimated(keep=True)), made
+    for k, (time, belief) in enumerate(policy.kept):
+        assert time == pytest.approx(k * H)
+        np.testing.assert_allclose(run.controls[:, k], belief.mean @ GAIN.T, rtol=0, atol=1e-12)
+    assert len(policy.kept) == STEPS and policy.kept[-1][1] is policy.belief
+    off = np.abs(policy.belief.mean - run.states[:, STEPS - 1])
+    sd = np.sqrt(np.diagonal(policy.belief.covariance, axis1=1, axis2=2))
+    assert (off < 4.5 * sd).all() and sd.max() < 0.1, "of a sensor of 3 m/s"
+
+
+def test_a_sweep_says_what_it_is_worth():
+    found = slcp.sweep(
+        task(), {"raw": LINEAR, "filtered": estimated()}, worlds=200, seed=1, dtype="float64", device="cpu"
+    )
+    places = {name: found.part(name, arm="disturbed")["place"] for name in ("raw", "filtered")}
+    assert np.std(places["filtered"]) < 0.2 * np.std(places["raw"])
+
+
+def test_chunks_of_a_sweep_change_nothing():
+    asked = {"worlds": 24, "seed": 1, "dtype": "float64", "device": "cpu"}
+    whole, parts = (
+        slcp.sweep(task(), estimated(policy), chunk=chunk, **asked).part("policy", arm="disturbed")["place"]
+        for chunk, policy in ((None, by_world()), (7, by_world()))
+    )
+    np.testing.assert_allclose(whole, parts, rtol=0, atol=1e-12)
+    assert np.ptp(whole) > 0.5, "each world has a goal of its own"
+
+
+def by_world():
+    def follow(dtype, VX, VU, Data):
+        import warp as wp
+
+        @wp.func
+        def control(data: Data, world: int, step: int, x: VX):
+            u = VU()
+            u[0] = dtype(3.0) * (data.goal[world] - x[0]) - dtype(2.5) * x[1]
+            return u
+
+        return control
+
+    return policies.Function(follow, goal=np.linspace(-1.0, 1.0, 24))
+
+
+@pytest.mark.parametrize("lag", [1, 3])
+def test_what_acts_late_is_made_for_when_it_acts(lag):
+    """Where the model is right and the sensors are good a control is the policy's for the state it meets."""
+    late = task(
+        disturbances=slcp.Disturbances(sensor={"cart.shift": 1e-9, "cart.vshift": 1e-9}, delay=lag * H,
+                                       start={"cart.vshift": 0.3}, before=0.7)
+    )  # fmt: skip
+    sensors = ("cart.shift", "cart.vshift")
+    run = runs(estimated(of=late, sensors=sensors), late)
+    np.testing.assert_array_equal(run.controls[:, :lag], 0.7)
+    met = run.states[:, lag:STEPS] @ GAIN.T
+    np.testing.assert_allclose(run.controls[:, lag:], met, rtol=0, atol=1e-6)
+    now = runs(estimated(of=late, sensors=sensors, foresee=False), late)
+    np.testing.assert_allclose(now.controls[:, lag:], now.states[:, : STEPS - lag] @ GAIN.T, atol=1e-6)
+
+
+def test_a_plan_is_followed_in_the_steps_in_which_its_controls_act():
+    cost = slcp.costs.terms(CART, [slcp.costs.effort(0.1), slcp.costs.Term("square", 1.0, "cart.shift")])
+    late = task(
+        cost=cost, horizon=STEPS, start=[0.5, 0.2],
+        disturbances=slcp.Disturbances(sensor={"cart.shift": 1e-9, "cart.vshift": 1e-9}, delay=2 * H),
+    )  # fmt: skip
+    problem = ddp.Problem(late.simulator(device="cpu"), cost, STEPS)
+    plan = ddp.solve(problem, [0.5, 0.2], np.zeros((STEPS, 1)))
+    run = runs(estimated(ddp.TrackingPolicy(plan), late, ("cart.shift", "cart.vshift")), late, 1)
+    x, xs = run.states[0], plan.xs
+    u = plan.us[2:] + np.einsum("kux,kx->ku", plan.K[2:], x[2:STEPS] - xs[2:STEPS])
+    np.testing.assert_allclose(run.controls[0, 2:], u, rtol=0, atol=1e-6)
+
+
+def test_limits_and_holds_are_known_to_the_model():
+    """A model that thought that more acts, or at other times, would be off by far more than this."""
+    held = task(
+        control_limits=(-0.4, 0.4),
+        disturbances=slcp.Disturbances(
+            sensor={"cart.shift": 0.001, "cart.vshift": 1.0}, hold=3 * H, start={"cart.vshift": 0.3}
+        ),
+    )
+    policy = estimated(of=held, process=1e-4, keep=True)
+    run = runs(policy, held)
+    assert np.abs(run.controls).max() == 0.4
+    np.testing.assert_allclose([t for t, _ in policy.kept], 3 * H * np.arange(len(policy.kept)), atol=1e-12)
+    off = policy.belief.mean - run.states[:, 3 * (len(policy.kept) - 1)]
+    assert np.abs(off[:, 0]).max() < 0.003 and np.abs(off[:, 1]).max() < 0.01
+
+
+def test_smaller_steps_of_the_plant():
+    policy = estimated(process=1e-3, keep=True)
+    run = runs(policy, step_size=H / 5)
+    assert len(policy.kept) == STEPS
+    off = policy.belief.mean - run.states[:, 5 * (STEPS - 1)]
+    assert np.abs(off).max() < 0.05
+
+
+def test_memory_inside_is_kept():
+    def adding(dtype, VX, VU, Data, Memory):
+        import warp as wp
+
+        @wp.func
+        def control(data: Data, world: int, step: int, x: VX, memory: Memory):
+            after = Memory()
+            after[0] = memory[0] + dtype(1.0)
+            u = VU()
+            u[0] = after[0] * data.each
+            return u, after
+
+        return control
+
+    run = runs(estimated(policies.Function(adding, memory=1, each=0.25)), worlds=2)
+    np.testing.assert_allclose(run.controls[:, :, 0], np.tile(0.25 * np.arange(1, STEPS + 1), (2, 1)))
+
+
+def test_host_policies_inside_see_the_mean_and_the_time():
+    asked = []
+
+    def act(x, time):
+        asked.append((time, x.copy()))
+        return x @ GAIN.T
+
+    policy = estimated(policies.Callback(act), keep=True)
+    run = runs(policy)
+    assert len(asked) == STEPS
+    for (time, seen), (kept, belief) in zip(asked, policy.kept):
+        assert time == pytest.approx(kept)
+        np.testing.assert_array_equal(seen, belief.mean)
+    np.testing.assert_allclose(run.controls, runs(estimated()).controls, atol=1e-9)
+
+
+def test_every_run_begins_anew():
+    policy = estimated()
+    first = runs(policy).states
+    for other in (policy, copy.deepcopy(policy), pickle.loads(pickle.dumps(policy))):
+        np.testing.assert_array_equal(runs(other).states, first)
+    assert pickle.loads(pickle.dumps(policy)).belief is None
+
+
+def test_a_rollout_takes_it():
+    sim = slcp.Simulator(CART, slcp.Options(residual="hard"), device="cpu")
+    policy = Estimated(LINEAR, KalmanFilter(sim, {"cart.shift": 0.01}, 0.05, start=0.2), limits=(-1.0, 1.0))
+    run = sim.rollout([0.3, -0.1], policy=policy, steps=60, record="controls")
+    assert np.abs(run.states[-1]).max() < 0.1 and np.abs(run.controls).max() <= 1.0
+    assert "Estimated" in repr(policy) and "cart.shift" in repr(policy)
+
+
+def test_a_task_says_what_it_needs():
+    drawn = slcp.Disturbances(
+        start={"cart.shift": slcp.Uniform(0.2, 0.8), "cart.vshift": slcp.Normal(0.3, mean=0.1)},
+        sensor=0.02, delay=2 * H, before=0.5,
+    )  # fmt: skip
+    found = estimated(of=task(disturbances=drawn, start=[[0.0, 0.0], [0.0, 2.0]], control_limits=(-3, 4)))
+    np.testing.assert_allclose(found.filter.x0, [0.5, 1.1])
+    first = found.filter.begin(1).covariance[0]
+    np.testing.assert_allclose(first, np.diag([0.6**2 / 12.0, 0.3**2 + 1.0]))
+    assert (found.lag, found.before.tolist(), found.limits) == (2, [0.5], (-3, 4))
+    assert found.filter.sensors == ("cart.shift",)
+    assert estimated(of=task(disturbances=drawn), lag=1, limits=None).limits is None
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "text"),
+    [
+        (lambda: estimated(of=task(disturbances=slcp.Disturbances())), ArgumentError,
+         "sensors names cart.shift, on which Disturbances.sensor has no noise"),
+        (lambda: estimated(of=task(disturbances=slcp.Disturbances(sensor=0.1, delay=slcp.Uniform(0.0, 0.2)))),
+         ArgumentError, "lag is not given, and Disturbances.delay is drawn"),
+        (lambda: estimated(sensors=[3]), ArgumentTypeError, r"sensors is \[3\]; names of states"),
+        (lambda: Estimated(LINEAR, LINEAR), ArgumentTypeError, "filter is a Linear; a policies.KalmanFilter"),
+        (lambda: estimated(foresee=1), ArgumentTypeError, "foresee is 1; True or False"),
+        (lambda: Estimated.of_task(CART, LINEAR, ["cart.shift"], 0.1), ArgumentTypeError, "task is a Scene"),
+        (lambda: estimated().act(np.zeros((1, 2)), 0.0, np.arange(1)), ArgumentError, "in no run yet"),
+        (lambda: runs(estimated(), task(scene=replace(CART, bodies=(replace(CART.bodies[0], name="car"),),
+            actuators=(slcp.Actuator("car"),)), measures={}, success=None,
+            disturbances=slcp.Disturbances(sensor=0.1))), ArgumentError, "the same states are needed"),
+    ],
+)  # fmt: skip
+def test_errors_say_what_is_needed(call, error, text):
+    with pytest.raises(error, match=text):
+        call()
