@@ -171,6 +171,13 @@ class TrackingPolicy:
         out.step_size = h
         return out
 
+    def foreseeing(self) -> "TrackingPolicy":
+        """The same plan, asked about the states in which its controls act, by the steps of these."""
+        out = copy.copy(self)
+        out.us, out.K = (np.concatenate([a[:, :1]] * self.early + [a], axis=1) for a in (self.us, self.K))
+        out.early = 0
+        return out
+
     def content(self) -> Content:
         """What it is made from, see `slcp_warp.policies.saved`."""
         arrays = {"us": self.us, "xs": self.xs, "K": self.K}

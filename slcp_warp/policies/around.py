@@ -81,6 +81,17 @@ class Around:
         sds = [*self.noise.values()] if isinstance(self.noise, Mapping) else self.noise
         return alike(self.policy) and (sds is None or not np.any(sds))
 
+    @property
+    def early(self) -> int:
+        """Steps by which a plan inside sends its controls before they act."""
+        return attribute(self.policy, "early") or 0
+
+    def foreseeing(self) -> "Around":
+        """The same around a plan that is asked about the states in which its controls act."""
+        out = copy.copy(self)
+        out.policy = self.policy.foreseeing()
+        return out
+
     def at(self, step_size: float) -> "Around":
         """The same around a plan for steps of another size [s]; delay and hold stay as many steps."""
         out = copy.copy(self)

@@ -120,6 +120,35 @@ def test_a_plan_is_followed_in_the_steps_in_which_its_controls_act():
     np.testing.assert_allclose(run.controls[0, 2:], u, rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("around", [False, True])
+def test_a_plan_that_knows_its_delay_is_asked_about_the_steps_in_which_it_acts(around):
+    """Where all goes as planned, the plan's own controls act, each in its step; feedback is of that step."""
+    cost = slcp.costs.terms(CART, [slcp.costs.effort(0.1), slcp.costs.Term("square", 1.0, "cart.shift")])
+    exact = {"cart.shift": 1e-9, "cart.vshift": 1e-9}
+    late = task(cost=cost, horizon=STEPS, start=[0.5, 0.2],
+                disturbances=slcp.Disturbances(sensor=exact, delay=3 * H))  # fmt: skip
+    plan = ddp.plan(late, starts=1).best
+    assert plan.delay == 3
+    policy = ddp.TrackingPolicy(plan)
+    policy = policies.Around(policy, limits=(-50.0, 50.0)) if around else policy
+    met = replace(late, disturbances=replace(late.disturbances, start={"cart.vshift": 0.3}))
+    run = runs(estimated(policy, met, tuple(exact)), met)
+    off = np.einsum("kux,bkx->bku", plan.K[3:], run.states[:, 3:STEPS] - plan.xs[3:STEPS])
+    np.testing.assert_allclose(run.controls[:, 3:], plan.us[3:] + off, rtol=0, atol=1e-5)
+    with pytest.raises(ArgumentError, match=r"act 0.15 s after they are sent, and by lag 0.1 s after"):
+        Estimated.of_task(met, policy, list(exact), 0.1, lag=2)
+
+
+def test_who_looks_ahead_by_himself_sees_the_estimate_of_now():
+    class Ahead(policies.Linear):
+        lag = 2
+
+    late = task(disturbances=slcp.Disturbances(sensor=NOISE, delay=2 * H))
+    assert not estimated(Ahead(GAIN), late).foresee and estimated(LINEAR, late).foresee
+    with pytest.raises(ArgumentError, match="foresee is True, and policy is a Ahead with a lag of 2"):
+        estimated(Ahead(GAIN), late, foresee=True)
+
+
 def test_limits_and_holds_are_known_to_the_model():
     """A model that thought that more acts, or at other times, would be off by far more than this."""
     held = task(

@@ -11,6 +11,7 @@ from ...simulator import Simulator
 from ...stepping.acting import Acting, acting
 from ...stepping.arguments import at_step_size
 from ..around import LONGEST, controls_before
+from .foresight import foreseeing
 from .kalman import Belief, KalmanFilter
 from .sensing import first_state, sensors_of
 
@@ -29,7 +30,8 @@ class Estimated:
         filter: what it believes.
         lag: steps of the model from a control to its action, as of a task's delay.
         foresee: whether it sees the state that the model foretells for when its control acts, `lag` steps
-            ahead, and counts steps from there; False: the state that is.
+            ahead, and counts steps from there; False: the state that is. None: True, but for a policy with a
+            `lag` of its own (`ddp.MPC`).
         limits: (lower, upper) of the controls that act; None: none beside the policy's own.
         before: controls (nu,), or one number for all, until the first that is sent acts; None: zero.
         keep: True: `kept` has every estimate of the run.
@@ -49,15 +51,17 @@ class Estimated:
         policy: Any,
         filter: KalmanFilter,
         lag: int = 0,
-        foresee: bool = True,
+        foresee: bool | None = None,
         limits: Any = None,
         before: Any = None,
         keep: bool = False,
     ) -> None:
         self.filter = instance("filter", filter, KalmanFilter, "a policies.KalmanFilter")
+        self.lag, self.keep = whole("lag", lag, 0, LONGEST), flag("keep", keep)
+        self.foresee = not attribute(policy, "lag") if foresee is None else flag("foresee", foresee)
+        if self.foresee:
+            policy = foreseeing(policy, self.lag * self.filter.step_size)
         self.policy = at_step_size(policy, self.filter.step_size)
-        self.lag = whole("lag", lag, 0, LONGEST)
-        self.foresee, self.keep = flag("foresee", foresee), flag("keep", keep)
         self.limits = any_limits(limits, "limits")
         self.before = controls_before("before", before, self.filter.model.nu)
         self.period = self.filter.step_size
