@@ -9,6 +9,7 @@ import warp as wp
 
 from slcp_warp.kernels.ensembles import measures as kernels
 from slcp_warp.kernels.ensembles.contacts import FAR
+from slcp_warp.kernels.ensembles.users import check_user
 
 from ..description.points import AXES, Point, point_numbers
 from ..description.scene import Scene
@@ -129,7 +130,7 @@ class MeasureTable:
             with of_user(
                 f"measures.function: {name!r} is no f(x, u, time) of {sim.nx} states and {sim.nu} controls"
             ):
-                kernels.check_user(function, sim.nx, sim.nu, sim.dtype)
+                check_user(function, sim.nx, sim.nu, sim.dtype)
             check_indices("measures.function", function, Known(sim.nx), Known(max(sim.nu, 1)))
         if self._pulls and sim.options.method.trapezoidal:
             raise ArgumentError(f"a measure of {OF_TENDONS}: {TRAPEZOIDAL}")
