@@ -19,9 +19,10 @@ SIGNALS = (  # from "slip" on those whose code is where a measure asks for them,
     *("state", "cosine", "control", "time", "contact", "gap", "impulse", "function", "cost"),
     *("point", "distance", "slip", "tangential_impulse", "normal_force", "tangential_force"),
     "tendon_force",
+    "sum",
 )
 (STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION, COST, POINT, DISTANCE, SLIP, RUB, FORCE,
- RUBBING, PULL) = range(len(SIGNALS))  # fmt: skip
+ RUBBING, PULL, SUM) = range(len(SIGNALS))  # fmt: skip
 REDUCTIONS = (
     *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest", "accumulated"),
     *("share_of_time", "first_time", "settled", "count", "rms"),
@@ -47,6 +48,7 @@ class Users(NamedTuple):
     scattered: bool = False  # whether a signal is of pairs that are not one after the other
     pulls: bool = False  # whether a signal is how hard a tendon pulls
     where: bool = False  # whether a measure counts the steps of a condition alone
+    sums: bool = False  # whether a signal is a sum of products of others
 
 
 NO_USERS = Users()
@@ -63,6 +65,9 @@ def make_tables(dtype: type) -> type:
         since: int  # of the last measures, which come first in a step: what relative signals began with
         bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
         compared: wp.array(dtype=wp.int32)  # (A,): its signal
+        # (T, 2) signals that a term of a sum is a product of, NONE: no more; weights of the terms (T,)
+        factor: wp.array2d(dtype=wp.int32)
+        weight: wp.array(dtype=wp.float64)
         clause: wp.array2d(dtype=wp.int32)  # (C, 2): first comparison of a clause, and one after the last
         # (M, 7): reduction, signal or NONE, its clauses from, to, 1: always, clauses where it counts from, to
         measure: wp.array2d(dtype=wp.int32)
@@ -193,6 +198,29 @@ def make_measures(
         return user(place, x, u, time)
 
     @wp.func
+    def single(
+        m: Measures,
+        kept: wp.array3d(dtype=wp.float64),
+        i: int,
+        s: int,
+        x: VX,
+        u: VU,
+        time: wp.float64,
+        h: wp.float64,
+        last: int,
+        c: Contacts,
+    ):
+        """A signal that is no sum."""
+        value = plain(m, s, x, u, time, h, last, c)
+        if wp.static(users.relative):
+            how = m.signal[s, 3]
+            if how == wp.static(SINCE) or how == wp.static(BOTH):
+                value -= kept[i, m.signal[s, 4], 0]
+            if how == wp.static(ABSOLUTE) or how == wp.static(BOTH):
+                value = wp.abs(value)
+        return value
+
+    @wp.func
     def signal(
         m: Measures,
         kept: wp.array3d(dtype=wp.float64),
@@ -205,14 +233,17 @@ def make_measures(
         last: int,
         c: Contacts,
     ):
-        value = plain(m, s, x, u, time, h, last, c)
-        if wp.static(users.relative):
-            how = m.signal[s, 3]
-            if how == wp.static(SINCE) or how == wp.static(BOTH):
-                value -= kept[i, m.signal[s, 4], 0]
-            if how == wp.static(ABSOLUTE) or how == wp.static(BOTH):
-                value = wp.abs(value)
-        return value
+        if wp.static(users.sums):
+            if m.signal[s, 0] == wp.static(SUM):
+                total = wp.float64(0.0)
+                for n in range(m.signal[s, 1], m.signal[s, 2]):
+                    term = m.weight[n]
+                    for j in range(2):
+                        if m.factor[n, j] != wp.static(NONE):
+                            term *= single(m, kept, i, m.factor[n, j], x, u, time, h, last, c)
+                    total += term
+                return wp.where(m.signal[s, 3] == wp.static(ABSOLUTE), wp.abs(total), total)
+        return single(m, kept, i, s, x, u, time, h, last, c)
 
     @wp.func
     def holds(

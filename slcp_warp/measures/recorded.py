@@ -1,5 +1,6 @@
 """Measures of recorded trajectories, in NumPy: for states that are there already."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ from ..description.points import AXES, Point, position
 from ..description.scene import Scene
 from ..inputs.checks import array, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from .arithmetic import SUM
 from .reductions import NOTHING, OF_CONDITIONS, Measure, Success
 from .signals import FORCES, OF_TENDONS, Condition, Signal
 
@@ -92,6 +94,9 @@ class Recorded:
         """The same as it is, neither since the start nor absolute."""
         if signal.kind == "time":
             return self.times
+        if signal.kind == SUM:
+            products = [w * math.prod(map(self.series, factors), start=1.0) for w, factors in signal.terms]
+            return np.zeros(self.states.shape[:2]) + sum(products)
         if signal.kind == "function":
             raise ArgumentTypeError("a Warp function is evaluated in a sweep only, not on recorded states")
         if signal.kind == "cost":

@@ -55,9 +55,10 @@ class Measure(Compared):
             object.__setattr__(self, "end", number("end", self.end, self.start, above=True))
 
     def signals(self) -> list[Signal]:
-        """The signals that it looks at."""
+        """The signals that it looks at, and of sums what they are made from, before them."""
         of = self.of.parts() if isinstance(self.of, Condition) else [self.of]
-        return of if self.where is None else list(dict.fromkeys([*of, *self.where.parts()]))
+        found = of if self.where is None else [*of, *self.where.parts()]
+        return list(dict.fromkeys(part for signal in found for part in signal.parts()))
 
     def __repr__(self) -> str:
         """The expression that makes it, the names of `slcp_warp.measures` without the module."""

@@ -17,6 +17,7 @@ from ..description.points import AXES, Point, point_numbers
 from ..description.scene import Scene
 from ..inputs.checks import choice, flag, number, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from .arithmetic import Arithmetic, Term, check_terms, in_words
 
 FORCES = ("normal_force", "tangential_force")
 RUBS = ("tangential_impulse", "tangential_force")
@@ -65,8 +66,8 @@ class Compared:
 
 
 @dataclass(frozen=True, repr=False)
-class Signal(Compared):
-    """A number in every step.
+class Signal(Compared, Arithmetic):
+    """A number in every step; `+`, `-` and `*` of signals and numbers are signals, too.
 
     Attributes:
         kind: one of `SIGNALS`.
@@ -77,6 +78,7 @@ class Signal(Compared):
         function: a user's Warp function (x, u, time) -> number, of a signal of kind "function".
         since_start: less its value at the run's start.
         absolute: its absolute value, of what is left then.
+        terms: of a sum, (weight, (signal, ...)) of at most two signals each, none of them a sum.
     """
 
     kind: str
@@ -86,9 +88,11 @@ class Signal(Compared):
     since_start: bool = False
     absolute: bool = False
     axis: str | None = None
+    terms: tuple[Term, ...] = ()
 
     def __post_init__(self) -> None:
         choice("Signal.kind", self.kind, SIGNALS)
+        check_terms(self)
         for name in ("since_start", "absolute"):
             flag(f"Signal.{name}", getattr(self, name))
         if self.since_start and self.kind not in SINCE:
@@ -106,6 +110,16 @@ class Signal(Compared):
                 raise ArgumentTypeError(f"{name} of a {self.kind} is {shown(given)}; {need} is needed")
         if (self.kind == "point") != (isinstance(self.axis, str) and self.axis in AXES):
             raise ArgumentError(f"axis of a {self.kind} is {shown(self.axis)}; 'x' or 'y' is of a point")
+
+    def __lt__(self, bound: Any) -> Any:
+        return self - bound < 0.0 if isinstance(bound, Signal) else super().__lt__(bound)
+
+    def __gt__(self, bound: Any) -> Any:
+        return self - bound > 0.0 if isinstance(bound, Signal) else super().__gt__(bound)
+
+    def parts(self) -> "list[Signal]":
+        """Itself, and before it the signals that it is made from."""
+        return [*dict.fromkeys(each for _, factors in self.terms for each in factors), self]
 
     def __abs__(self) -> "Signal":
         """Its absolute value."""
@@ -156,6 +170,8 @@ class Signal(Compared):
     def __repr__(self) -> str:
         """The expression that makes it, the names of `slcp_warp.measures` without the module."""
         name = {"impulse": "normal_impulse"}.get(self.kind, self.kind)
+        if self.terms:
+            return f"abs({in_words(self.terms)})" if self.absolute else in_words(self.terms)
         given = [getattr(self.function, "__name__", shown(self.function))] if self.function else []
         given += [repr(which) for which in (self.which, self.axis, self.minus) if which is not None]
         told = f"{name}({', '.join(given)})"
@@ -189,7 +205,8 @@ class Within:
             return f"{self.of!r} < {self.high:.12g}"
         if self.high == np.inf:
             return f"{self.of!r} > {self.low:.12g}"
-        return f"{self.of!r}.between({self.low:.12g}, {self.high:.12g})"
+        of = f"({self.of!r})" if getattr(self.of, "terms", ()) else repr(self.of)
+        return f"{of}.between({self.low:.12g}, {self.high:.12g})"
 
 
 @dataclass(frozen=True, repr=False)

@@ -15,6 +15,7 @@ from ..description.points import AXES, Point, point_numbers
 from ..description.scene import Scene
 from ..inputs.errors import ArgumentError
 from ..inputs.user_code import Known, check_indices, of_user
+from .arithmetic import SUM
 from .reductions import NOTHING, Measure
 from .signals import FORCES, OF_CONTACTS, OF_TENDONS, RUBS, TRAPEZOIDAL, Condition, Signal
 
@@ -65,6 +66,11 @@ class MeasureTable:
         pairs = {signal: _ranges(signal.pairs(scene)) for signal in signals if signal.kind in OF_CONTACTS}
         self._scattered = any(len(each) != 1 for each in pairs.values())
         self._ranges = [(0, 0)]
+        self._summed = 0  # terms of the sums so far
+        self._factors = [
+            [place[each] for each in factors] for signal in signals for _, factors in signal.terms
+        ]
+        self._weights = [weight for signal in signals for weight, _ in signal.terms]
         self._signals = [
             (*self._signal(signal, scene, pairs.get(signal, [])), row) for signal, row in zip(signals, rows)
         ]
@@ -84,6 +90,9 @@ class MeasureTable:
         kind = kernels.SIGNALS.index(signal.kind)
         which = self._functions.index(signal.function) if signal.function is not None else signal.place(scene)
         how = kernels.ABSOLUTE * signal.absolute + kernels.SINCE * signal.since_start
+        if signal.kind == SUM:
+            self._summed += len(signal.terms)
+            return kind, self._summed - len(signal.terms), self._summed, how
         if signal.kind in OF_CONTACTS:
             if not self._scattered:
                 return kind, *pairs[0], how
@@ -138,6 +147,7 @@ class MeasureTable:
         some = any(measure.where is not None for measure in self.measures)
         looks = self._slips, self._forces, self._rubs
         parts = self._relative, self._gaps, bool(self._points), *looks, self._scattered, self._pulls, some
+        parts = *parts, bool(self._weights)
         return kernels.Users(self._functions, cost, *parts)
 
     def struct(self, sim: Any) -> Any:
@@ -156,8 +166,10 @@ class MeasureTable:
             ("clause", self._clauses, 2, np.int32),
             ("measure", self._rows, 7, np.int32),
             ("window", window, 2, np.float64),
+            ("factor", [(*each, kernels.NONE, kernels.NONE)[:2] for each in self._factors], 2, np.int32),
         ):
             setattr(out, name, wp.array(np.array(values, kind).reshape(-1, width), device=device))
+        out.weight = wp.array(np.array(self._weights, float), device=device)
         out.ends, out.since = self._ends, len(self._all) - len(self.measures)
         out.compared = wp.array(np.array(self._compared, np.int32), device=device)
         return out

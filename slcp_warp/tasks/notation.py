@@ -1,11 +1,12 @@
 """Measures, conditions and success as the data of a file.
 
-A signal is a state's name, or a table {kind, which, minus, axis, since_start, absolute} of the fields of
-`slcp_warp.measures`, in which a point is a table {body, at}, and a centre of mass one with at = "centre of
-mass" and names of bodies. A condition compares one: {of = SIGNAL, above = 1.0}, with above, below or between
-= [low, high]; lists of them are joined by {all = [...]} and {any = [...]}. A measure is {reduction, of,
-start, end, where}, the last a condition. A success compares measures in the same way: {measure = NAME,
-between = [0, 1]}, or {reduction = "final", of = "block.x", between = [0, 1]}.
+A signal is a state's name, or a table {kind, which, minus, axis, since_start, absolute, terms} of the fields
+of `slcp_warp.measures`, in which a point is a table {body, at}, and a centre of mass one with at = "centre of
+mass" and names of bodies. The terms of a sum are {weight, of = [SIGNAL, SIGNAL]}, products of at most two. A
+condition compares one: {of = SIGNAL, above = 1.0}, with above, below or between = [low, high]; lists of them
+are joined by {all = [...]} and {any = [...]}. A measure is {reduction, of, start, end, where}, the last a
+condition. A success compares measures in the same way: {measure = NAME, between = [0, 1]}, or {reduction =
+"final", of = "block.x", between = [0, 1]}.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,15 +17,17 @@ import numpy as np
 from slcp_warp.kernels.ensembles.measures import REDUCTIONS, SIGNALS
 
 from ..description.points import Point
-from ..inputs.checks import choice
+from ..inputs.checks import choice, number
 from ..inputs.errors import ArgumentError, InputError
+from ..measures.arithmetic import Term
 from ..measures.reductions import OF_CONDITIONS, Measure, Success, change, excursion
 from ..measures.signals import Condition, Joined, Signal, Within, state
 from ..storage.tables import below, entries, place, table
 
 KINDS = tuple(kind for kind in SIGNALS if kind != "function")  # a function is no data
 FLAGS = ("since_start", "absolute")
-SIGNAL_FIELDS = ("kind", "which", "minus", "axis", *FLAGS)
+SIGNAL_FIELDS = ("kind", "which", "minus", "axis", *FLAGS, "terms")
+TERM_FIELDS = ("weight", "of")
 POINT_FIELDS = ("body", "at")
 SHORT: dict[str, Callable[..., Measure]] = {"change": change, "excursion": excursion}  # of such signals
 MEASURE_FIELDS = ("reduction", "of", "start", "end", "where")
@@ -45,6 +48,8 @@ def signal_of(value: Any, where: str) -> Signal:
         values = table(where, value, SIGNAL_FIELDS, ("kind",), NotationError)
         choice(below(where, "kind"), values["kind"], KINDS, error=NotationError)
         values = {name: _point(given, below(where, name)) for name, given in values.items()}
+        if "terms" in values:
+            values["terms"] = _terms(values["terms"], below(where, "terms"))
         for name in ("which", "minus"):
             if (
                 name in values
@@ -59,6 +64,21 @@ def signal_of(value: Any, where: str) -> Signal:
         raise NotationError(place(where, str(error))) from error
 
 
+def _terms(given: Any, where: str) -> tuple[Term, ...]:
+    """What a sum adds up from, from its data."""
+    found = []
+    for i, term in enumerate(entries(where, given, NotationError)):
+        at = f"{where}[{i}]"
+        values = table(at, term, TERM_FIELDS, (), NotationError)
+        factors = entries(below(at, "of"), values.get("of", []), NotationError)
+        weight = number(below(at, "weight"), values.get("weight", 1.0), error=NotationError)
+        if any(isinstance(each, dict) and "terms" in each for each in factors):
+            raise NotationError(place(below(at, "of"), "a sum in a sum; its terms stand beside the others"))
+        signals = [signal_of(each, f"{below(at, 'of')}[{j}]") for j, each in enumerate(factors)]
+        found.append((weight, tuple(signals)))
+    return tuple(found)
+
+
 def signal_content(signal: Signal) -> Any:
     """A signal as data."""
     if signal.kind not in KINDS:
@@ -66,11 +86,18 @@ def signal_content(signal: Signal) -> Any:
     if signal.plain:
         return signal.which
     fields = {name: getattr(signal, name) for name in SIGNAL_FIELDS}
+    fields["terms"] = [_term_content(*term) for term in signal.terms] or None
     return {
         name: _point_content(value) if isinstance(value, Point) else value
         for name, value in fields.items()
         if value is not None and value is not False
     }
+
+
+def _term_content(weight: float, factors: tuple[Signal, ...]) -> dict[str, Any]:
+    """A term of a sum as data."""
+    values = {"weight": weight, "of": [signal_content(each) for each in factors]}
+    return {name: value for name, value in values.items() if value != (1.0 if name == "weight" else [])}
 
 
 def _point_content(point: Point) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from ..costs import Point, Term
 from ..description.points import AXES
 from ..description.scene import Scene
 from ..description.scene_schema import NO_VALUE, object_schema, part_schemas
+from ..measures.arithmetic import MOST_FACTORS
 from ..options import CHOICES, Options
 from ..scenes import NAMED as SCENES
 from .disturbances.notation import schemas as disturbance_schemas
@@ -78,6 +79,8 @@ def _parts() -> dict[str, Any]:
     signal: dict[str, Any] = {"kind": {"enum": list(KINDS)}, "which": named, "minus": named}
     signal |= {"axis": {"enum": list(AXES)}}
     signal |= dict.fromkeys(FLAGS, {"type": "boolean"})
+    factors = {"type": "array", "items": _to("Signal"), "maxItems": MOST_FACTORS}
+    signal["terms"] = {"type": "array", "items": _table({"weight": NUMBER, "of": factors}, ()), "minItems": 1}
     return {
         "Term": object_schema(Term, {"kind": TERMS, "axis": (*AXES, None)}),
         "Point": object_schema(Point),
