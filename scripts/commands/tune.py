@@ -1,11 +1,13 @@
 """`slcp tune`: numbers of a policy, or of a design, that do best over disturbed worlds."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import slcp_warp as slcp
+from slcp_warp.inputs.errors import ArgumentError
+from slcp_warp.policies.saved import content_of
 
 from ..support.options import Device, Seed
 from ..support.policies import function_of, policy_of_task
@@ -56,6 +58,8 @@ def tune_command(
     parameters = dict(_range("--parameter", each) for each in parameter or [])
     case = rules.of(chosen.options)
     given = function_of(policy, list(numbers)) if numbers else policy_of_task(policy, chosen)
+    if kept is not None:
+        _check_saved(given, numbers)
     with timed("search"), progress_bar("worlds") as progress:
         found = slcp.tune(
             chosen, given, numbers, parameters=parameters, minimise=minimise, maximise=maximise,
@@ -69,6 +73,15 @@ def tune_command(
     if kept is not None:
         slcp.policies.save_policy(found.policy, kept)
         wrote(kept)
+
+
+def _check_saved(given: Any, numbers: dict[str, tuple[float, float]]) -> None:
+    """Raise an error for a policy that could not be written once it is found."""
+    middle = {name: 0.5 * (low + high) for name, (low, high) in numbers.items()}
+    try:
+        content_of(given(**middle) if numbers else given)
+    except ArgumentError as error:
+        raise ValueError(f"--save: {error}; the numbers that are found stand in the table of --out") from None
 
 
 def _range(option: str, text: str) -> tuple[str, tuple[float, float]]:

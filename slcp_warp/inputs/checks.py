@@ -131,8 +131,10 @@ def instance(name: str, value: Any, kind: type | types.UnionType, need: str) -> 
     raise ArgumentTypeError(f"{name} is a {type(value).__name__}; {need} is needed")
 
 
-def function(name: str, value: Any, takes: int, optional: bool = False) -> Callable[..., Any] | None:
-    """Something that can be called with so many arguments."""
+def function(
+    name: str, value: Any, takes: int, optional: bool = False, called: str = ""
+) -> Callable[..., Any] | None:
+    """Something that can be called with so many arguments; `called`: which, for the error."""
     if value is None and optional:
         return None
     if not callable(value):
@@ -140,7 +142,9 @@ def function(name: str, value: Any, takes: int, optional: bool = False) -> Calla
     try:
         inspect.signature(value).bind(*(None,) * takes)
     except TypeError as error:
-        raise ArgumentTypeError(f"{name} is {shown(value)}; it must take {takes} arguments") from error
+        raise ArgumentTypeError(
+            f"{name} is {shown(value)}; it must take {takes} arguments{called}"
+        ) from error
     except ValueError:  # no signature to be seen
         pass
     out: Callable[..., Any] = value

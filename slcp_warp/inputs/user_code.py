@@ -1,8 +1,9 @@
 """Users' Warp functions: what Warp cannot translate, and indices that are beyond what they index.
 
-The latter are read off the code, as Warp does not look. An index counts that is a number in the code, or
-a name of one outside of the function; one that is computed, or behind a condition that asks for a length, is
-the user's.
+The latter are read off the code, as Warp does not look. An index counts that is a number in the code, a name
+of one outside of the function, or what a loop over a range of such numbers counts, alone or with a number
+added, where no question about it stands between; one that is computed otherwise, or behind a condition that
+asks for a length, is the user's.
 """
 
 import ast
@@ -84,13 +85,13 @@ def _wrong(function: Any, known: tuple[Known, ...], depth: int) -> str:
     }
     outside = {name: value for name, value in _outside(adjoint.func).items() if name not in own}
     there = _locals(body, dict(zip(arguments, known)), outside)
-    guarded = _guarded(body, own)
+    guarded, loops = _guarded(body, own, outside), _loops(body, outside)
     for node in ast.walk(body):
         if id(node) in guarded:
             continue
         found = ""
         if isinstance(node, ast.Subscript):
-            found = _index(node, there, outside)
+            found = _index(node, there, outside | loops.get(id(node), {}))
         elif isinstance(node, ast.Call):
             called = outside.get(node.func.id) if isinstance(node.func, ast.Name) else None
             if isinstance(called, wp.Function):
@@ -143,7 +144,46 @@ def _length_made(value: ast.expr, outside: Mapping[str, Any]) -> int | None:
     return None
 
 
-def _guarded(body: ast.FunctionDef, own: set[str]) -> set[int]:
+def _loops(body: ast.FunctionDef, outside: Mapping[str, Any]) -> dict[int, dict[str, int]]:
+    """Of every subscript in loops over ranges of known numbers the last that each counts, by its name."""
+    found: dict[int, dict[str, int]] = {}
+    for node in ast.walk(body):
+        span = _span(node.iter, outside) if isinstance(node, ast.For) else None
+        if span is None or not isinstance(node.target, ast.Name) or _asked(node, node.target.id):
+            continue
+        for inner in ast.walk(ast.Module(node.body, [])):
+            if isinstance(inner, ast.Subscript):
+                found.setdefault(id(inner), {})[node.target.id] = span[-1]
+    return found
+
+
+def _span(over: ast.expr, outside: Mapping[str, Any]) -> range | None:
+    """The range of a loop that has a pass, if the code says which."""
+    if not isinstance(over, ast.Call) or not isinstance(over.func, ast.Name) or over.func.id != "range":
+        return None
+    given = [_number(each, {}, outside) for each in over.args]
+    numbers = [each for each in given if each is not None]
+    if not 1 <= len(numbers) == len(given) <= 2:
+        return None
+    return range(*numbers) or None
+
+
+def _asked(loop: ast.For, name: str) -> bool:
+    """Whether a loop asks about what it counts, changes it, or may end early."""
+    for node in ast.walk(ast.Module(loop.body, [])):
+        tests: list[ast.expr] = []
+        if isinstance(node, ast.If | ast.IfExp | ast.While):
+            tests = [node.test]
+        elif isinstance(node, ast.BoolOp | ast.Break | ast.Continue | ast.Return):
+            return True
+        if any(isinstance(n, ast.Name) and n.id == name for test in tests for n in ast.walk(test)):
+            return True
+        if isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Store):
+            return True
+    return False
+
+
+def _guarded(body: ast.FunctionDef, own: set[str], outside: Mapping[str, Any]) -> set[int]:
     """What stands behind a question about lengths: in it, and where it may end the function all of that."""
     found: set[int] = set()
     for node in ast.walk(body):
@@ -152,7 +192,7 @@ def _guarded(body: ast.FunctionDef, own: set[str]) -> set[int]:
             tests = [node.test]
         elif isinstance(node, ast.BoolOp):
             tests = node.values
-        elif isinstance(node, ast.For):
+        elif isinstance(node, ast.For) and _span(node.iter, outside) is None:
             tests = [node.iter]
         if any(_asks(test, own, isinstance(node, ast.For)) for test in tests):
             ends = any(isinstance(n, ast.Return | ast.Break | ast.Continue) for n in ast.walk(node))
@@ -207,6 +247,9 @@ def _number(place: ast.expr, there: Mapping[str, Known], outside: Mapping[str, A
     if isinstance(place, ast.UnaryOp) and isinstance(place.op, ast.USub):
         inside = _number(place.operand, there, outside)
         return None if inside is None else -inside
+    if isinstance(place, ast.BinOp) and isinstance(place.op, ast.Add):
+        sides = [_number(side, there, outside) for side in (place.left, place.right)]
+        return None if None in sides else sum(sides)  # type: ignore[arg-type]
     found = place.value if isinstance(place, ast.Constant) else None
     if isinstance(place, ast.Name) and place.id not in there:
         found = outside.get(place.id)

@@ -19,6 +19,7 @@ from ..stepping.by_world import alike
 from .saved import Content, content_of, policy_of
 
 LONGEST = 256
+DELAYS = (0, 4, 16, 64, LONGEST)  # steps that there are kernels for: shorter delays share them
 LIMITS = ("lower", "upper")
 
 
@@ -104,7 +105,8 @@ class Around:
         noise, (lower, upper) = self.deviations(sim), limit_rows(self.limits, sim.nu)
         if len(lower) != 1:
             raise ArgumentError(f"limits are for {len(lower)} worlds; one pair for all is needed")
-        kernel = around_kernel(inner, Between(self.delay, self.hold > 1, bool(noise.any())), timed)
+        most = min(steps for steps in DELAYS if steps >= self.delay)
+        kernel = around_kernel(inner, Between(most, self.hold > 1, bool(noise.any())), timed)
         struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
         struct.inner, struct.delay, struct.hold = inside, self.delay, self.hold
         struct.seed, struct.stream = self.seed, self.stream(sim.nx)

@@ -17,6 +17,7 @@ from ..simulator import Simulator
 from .arrays import put
 
 MOST_MEMORY = 1024
+MAKERS = ("dtype", "VX", "VU", "Data", "Memory")
 ARGUMENTS = tuple("data world step x memory".split())
 
 
@@ -131,4 +132,4 @@ def _takes(name: str, given: Any, arguments: tuple[str, ...], types: int) -> Non
         if len(came) != len(arguments):
             raise ArgumentTypeError(f"{name} takes ({', '.join(came)}); ({', '.join(arguments)}) is needed")
         return
-    function(name, given, types)
+    function(name, given, types, called=f", ({', '.join(MAKERS[:types])})")

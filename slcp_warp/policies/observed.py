@@ -86,7 +86,8 @@ class Observed:
     def __init__(self, policy: Any, of: Any) -> None:
         if attribute(policy, "sees_states"):
             raise ArgumentError(
-                f"policy is a {type(policy).__name__}, which follows states: it sees all of them"
+                f"policy is a {type(policy).__name__}, which follows states: it sees all of them; "
+                "policies.Estimated gives it estimates of those that no sensor shows"
             )
         self.policy, self.of = policy, checked("of", of)
         self.worlds = attribute(policy, "worlds")

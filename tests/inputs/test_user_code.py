@@ -268,8 +268,75 @@ def from_a_tuple(x: Any, u: Any, time: wp.float64):
     return v[3] + w
 
 
+@wp.func
+def counts_within(x: Any, u: Any, time: wp.float64):
+    found = wp.float64(0.0)
+    for i in range(BEYOND):
+        found += wp.float64(x[i])
+    for i in range(LAST):
+        found += wp.float64(x[i + 1]) + wp.float64(x[time_of(i)])
+    for i in range(BEYOND + 5):
+        if i < BEYOND:
+            found += wp.float64(x[i])
+    for i in range(2, BEYOND + 5):
+        if found > wp.float64(1.0) and i < BEYOND:
+            found += wp.float64(x[i])
+    for i in range(BEYOND + 5):
+        if i == BEYOND:
+            break
+        found += wp.float64(x[i])
+    return found
+
+
+@wp.func
+def time_of(i: int):
+    return i % 2
+
+
+@wp.func
+def counts_beyond(x: Any, u: Any, time: wp.float64):
+    found = wp.float64(0.0)
+    for i in range(BEYOND + 2):
+        found += wp.float64(x[i])
+    return found
+
+
+@wp.func
+def counts_on(x: Any, u: Any, time: wp.float64):
+    found = wp.float64(0.0)
+    for i in range(1, BEYOND):
+        for j in range(2):
+            found += wp.float64(x[i + 1 + j])
+    return found
+
+
+@pytest.mark.parametrize(("function", "at"), [(counts_beyond, NX + 1), (counts_on, NX + 1)])
+def test_loops_that_count_beyond(function, at):
+    with pytest.raises(slcp.ArgumentError, match=rf"{function.key} has x\[{at}\]; x has {NX} numbers"):
+        check_indices("measures.function", function, Known(NX), Known(NU))
+
+
+def over_what_is_observed(dtype, VX, VU, Data):
+    @wp.func
+    def control(data: Data, world: int, step: int, x: VX):
+        s = dtype(0.0)
+        for i in range(6):
+            s += data.K[i] * x[i]
+        return VU(s)
+
+    return control
+
+
+def test_a_policy_that_reads_more_than_it_sees():
+    law = policies.Function(over_what_is_observed, K=np.zeros(6))
+    with pytest.raises(slcp.ArgumentError, match=r"control has x\[5\]; x has 2 numbers"):
+        policies.Observed(law, list(SCENE.state_names[:2])).kernel(slcp.Simulator(SCENE, device="cpu"))
+
+
 @pytest.mark.parametrize(
-    "function", [calls_the_shorter, returns_before, never_asks, own_number, from_a_tuple], ids=lambda f: f.key
+    "function",
+    [calls_the_shorter, returns_before, never_asks, own_number, from_a_tuple, counts_within],
+    ids=lambda f: f.key,
 )
 def test_what_is_right_is_no_alarm(function):
     known = Known(NX), Known(NU)

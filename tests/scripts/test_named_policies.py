@@ -109,6 +109,21 @@ def push(force):
 """
 
 
+def test_what_could_not_be_saved_is_said_before_the_search(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cart.py").write_text(
+        CART
+        + """
+def asked(force):
+    return slcp.policies.Callback(lambda x, time: np.full((len(x), 1), force))
+"""
+    )
+    monkeypatch.setattr(slcp, "tune", None)
+    tune = ("tune", "cart.py:task", "--policy", "cart.py:asked", "--number", "force=1:20", "--device", "cpu")
+    said = fails(*tune, "--save", "asked.npz")
+    assert "--save: policy is a Callback, which is no data" in said and "in the table of --out" in said
+
+
 def test_numbers_of_a_policy_in_a_file_are_tuned(tmp_path, monkeypatch):
     """The least force that moves nine carts in ten by a metre; what was found is a policy in a file."""
     monkeypatch.chdir(tmp_path)

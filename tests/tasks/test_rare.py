@@ -290,7 +290,7 @@ def test_what_was_found_is_told_from_the_largest_on():
     drawn, failing = np.array([1.0, 2.5]), np.array([False, True])
     size = math.sqrt(5.25)
     told = str(Falsification(task(), size, values, drawn=drawn, failing=failing, **nothing)).splitlines()
-    head = "of task 'push': fails from 2.291 standard deviations on; 50 % of what is drawn is as large"
+    head = "fails from 2.291 standard deviations on; 50 % of worlds draw as much, in whatever direction"
     assert head in told[0] and [line.split()[0] for line in told[3:]] == ["b", "c", "a"]
     for size, text in ((0.0, "all that is drawn has its median"), (math.inf, "nothing up to 32 standard")):
         assert text in repr(Falsification(task(), size, {}, drawn=drawn, failing=failing, **nothing))

@@ -127,7 +127,7 @@ class Falsification(Printed):
             tried += f"; it begins in overlap, by {self.overlap:.2g}"
         if not self.size:
             return f"{of}: the policy fails where all that is drawn has its median; {tried}"
-        share = f"{100.0 * self.rarer:.3g} % of what is drawn is as large"
+        share = f"{100.0 * self.rarer:.3g} % of worlds draw as much, in whatever direction"
         return f"{of}: fails from {self.size:.4g} standard deviations on; {share}; {tried}"
 
     def _how(self, kind: str) -> str:
