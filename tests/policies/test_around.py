@@ -50,12 +50,6 @@ def test_delay_hold_and_limits_around_a_policy_that_remembers(device, strategy, 
 
 
 @pytest.mark.parametrize("inside, around", [((1, 1), (0, 4)), ((6, 1), (0, 4)), ((2, 2), (1, 3))])
-def test_delays_of_a_few_steps_share_their_code():
-    sim, inner = simulator("cpu"), policies.Linear(K)
-    keys = [policies.Around(inner, delay=steps).kernel(sim)[0].key for steps in (0, 1, 2, 4, 5, 16, 256)]
-    assert keys[1] == keys[2] == keys[3] and keys[4] == keys[5] and len(set(keys)) == 4
-
-
 def test_one_around_another(device, inside, around):
     """Delay and hold are steps, also where what is around them asks in some only: what was sent acts in the
     first of these that is not before its time.
@@ -81,6 +75,12 @@ def seen(noise, hold=1, seed=0, device="cpu", worlds=100):
     x0 = np.tile(STARTS[0], (worlds, 1))
     run = loose(device).rollout(x0, policy=policy, steps=STEPS, record="controls")
     return run.controls[:, :, 0] - run.states[:, :-1, 4]
+
+
+def test_delays_of_a_few_steps_share_their_code():
+    sim, inner = simulator("cpu"), policies.Linear(K)
+    keys = [policies.Around(inner, delay=steps).kernel(sim)[0].key for steps in (0, 1, 2, 4, 5, 16, 256)]
+    assert keys[1] == keys[2] == keys[3] and keys[4] == keys[5] and len(set(keys)) == 4
 
 
 def test_noise_is_white_normal_and_of_its_size(device):
