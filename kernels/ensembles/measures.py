@@ -236,7 +236,8 @@ def make_measures(
         if wp.static(users.sums):
             if m.signal[s, 0] == wp.static(SUM):
                 total = wp.float64(0.0)
-                for n in range(m.signal[s, 1], m.signal[s, 2]):
+                first, end = m.signal[s, 1], m.signal[s, 2]
+                for n in range(first, end):
                     term = m.weight[n]
                     for j in range(2):
                         if m.factor[n, j] != wp.static(NONE):

@@ -111,7 +111,8 @@ def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: 
                 after[HELD + i] = u[i]
         if wp.static(DELAY > 0):
             if data.delay > 0:
-                for _step in range(wp.min(step - follows, data.delay)):  # in which nobody asked
+                missed = wp.where(follows == 0, 0, step - follows)  # in which nobody asked
+                for _step in range(wp.min(missed, data.delay)):
                     after = later(data, after)
                 arriving = VU()
                 for i in range(nu):

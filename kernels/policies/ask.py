@@ -10,7 +10,7 @@ from .contract import PolicyKernel, make_policy
 
 @cached
 def make_ask_kernel(policy: PolicyKernel, nx: int, nu: int, dtype: type) -> wp.Kernel:
-    """Controls of step k of all worlds that are still solved."""
+    """Controls of step k of all worlds that are still solved; `fresh` 1: it is the first of them."""
     asked = make_policy(policy, nx, nu, dtype)
     Policy = asked.Struct
     VX = wp.types.vector(nx, dtype)
@@ -19,6 +19,7 @@ def make_ask_kernel(policy: PolicyKernel, nx: int, nu: int, dtype: type) -> wp.K
     def ask_kernel(
         first: int,
         k: int,
+        fresh: int,
         control: Policy,
         numbers: wp.array(dtype=wp.int32),  # (B,) of the worlds
         state: wp.array2d(dtype=dtype),  # (B, nx)
@@ -32,7 +33,7 @@ def make_ask_kernel(policy: PolicyKernel, nx: int, nu: int, dtype: type) -> wp.K
         x = VX()
         for j in range(nx):
             x[j] = state[i, j]
-        memory = asked.recall(control, memories, i, numbers[i], k, x)
+        memory = asked.recall(control, memories, i, numbers[i], wp.where(fresh == 1, 0, k), x)
         u, memory = asked.ask(control, numbers[i], k, x, memory)
         asked.keep(memories, i, memory)
         for j in range(nu):

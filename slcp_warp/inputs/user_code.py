@@ -148,8 +148,10 @@ def _loops(body: ast.FunctionDef, outside: Mapping[str, Any]) -> dict[int, dict[
     """Of every subscript in loops over ranges of known numbers the last that each counts, by its name."""
     found: dict[int, dict[str, int]] = {}
     for node in ast.walk(body):
-        span = _span(node.iter, outside) if isinstance(node, ast.For) else None
-        if span is None or not isinstance(node.target, ast.Name) or _asked(node, node.target.id):
+        if not isinstance(node, ast.For) or not isinstance(node.target, ast.Name):
+            continue
+        span = _span(node.iter, outside)
+        if span is None or _asked(node, node.target.id):
             continue
         for inner in ast.walk(ast.Module(node.body, [])):
             if isinstance(inner, ast.Subscript):

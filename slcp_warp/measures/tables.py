@@ -146,8 +146,8 @@ class MeasureTable:
         cost = self._cost and self._cost.functions(sim.dtype, sim.nx, sim.nu)
         some = any(measure.where is not None for measure in self.measures)
         looks = self._slips, self._forces, self._rubs
-        parts = self._relative, self._gaps, bool(self._points), *looks, self._scattered, self._pulls, some
-        parts = *parts, bool(self._weights)
+        own = self._scattered, self._pulls, some, bool(self._weights)
+        parts = self._relative, self._gaps, bool(self._points), *looks, *own
         return kernels.Users(self._functions, cost, *parts)
 
     def struct(self, sim: Any) -> Any:

@@ -1,5 +1,7 @@
 """Policies that act on the host, asked between launches."""
 
+import inspect
+import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,12 +20,13 @@ class HostPolicy(Protocol):
 
     period: float | None
 
-    def begin(self, sim: Any, worlds: np.ndarray) -> None:
+    def begin(self, sim: Any, worlds: np.ndarray, step_size: float) -> None:
         """A rollout begins, or a chunk of a sweep: what is remembered of worlds is to be forgotten.
 
         Args:
             sim: the simulator that steps them.
             worlds: their numbers (B,), through all chunks of a sweep.
+            step_size: of their steps [s]; a `begin` of two arguments is not told.
         """
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
@@ -40,7 +43,7 @@ def steps_between(policy: Any, step_size: float) -> int:
     period = attribute(policy, "period")
     if period is None:
         return 1
-    return max(1, round(number("policy.period", period, 0.0, above=True) / step_size))
+    return max(1, math.floor(number("policy.period", period, 0.0, above=True) / step_size + 0.5))
 
 
 class Asked:
@@ -66,7 +69,7 @@ class Asked:
         if begin is not None:
             if not callable(begin):
                 raise ArgumentTypeError(f"policy.begin is {shown(begin)}; a function is needed")
-            begin(sim, worlds)
+            begin(*(sim, worlds, self.h)[: 3 if _takes_size(begin) else 2])
 
     def controls(self, k: int, x: np.ndarray) -> np.ndarray:
         """Controls (B, nu) of states (B, nx) at step k.
@@ -75,6 +78,15 @@ class Asked:
             ArgumentError, ArrayError: what came back is no such array of finite numbers.
         """
         return told(self.policy, x.astype(np.float64), k * self.h, self.worlds, self.nu)
+
+
+def _takes_size(begin: Any) -> bool:
+    """Whether a policy's `begin` is told the size of steps, as its third argument."""
+    try:
+        inspect.signature(begin).bind(None, None, None)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def told(policy: Any, x: np.ndarray, time: float, worlds: np.ndarray, nu: int) -> np.ndarray:

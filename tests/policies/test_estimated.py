@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -135,8 +136,10 @@ def test_a_plan_that_knows_its_delay_is_asked_about_the_steps_in_which_it_acts(a
     run = runs(estimated(policy, met, tuple(exact)), met)
     off = np.einsum("kux,bkx->bku", plan.K[3:], run.states[:, 3:STEPS] - plan.xs[3:STEPS])
     np.testing.assert_allclose(run.controls[:, 3:], plan.us[3:] + off, rtol=0, atol=1e-5)
-    with pytest.raises(ArgumentError, match=r"act 0.15 s after they are sent, and by lag 0.1 s after"):
-        Estimated.of_task(met, policy, list(exact), 0.1, lag=2)
+    with pytest.raises(
+        ArgumentError, match=r"delay is 0.1 s, 2 steps of the plan, whose controls .* act 3 st"
+    ):
+        Estimated.of_task(met, policy, list(exact), 0.1, delay=2 * H)
 
 
 def test_who_looks_ahead_by_himself_sees_the_estimate_of_now():
@@ -165,12 +168,96 @@ def test_limits_and_holds_are_known_to_the_model():
     assert np.abs(off[:, 0]).max() < 0.003 and np.abs(off[:, 1]).max() < 0.01
 
 
-def test_smaller_steps_of_the_plant():
-    policy = estimated(process=1e-3, keep=True)
-    run = runs(policy, step_size=H / 5)
-    assert len(policy.kept) == STEPS
-    off = policy.belief.mean - run.states[:, 5 * (STEPS - 1)]
-    assert np.abs(off).max() < 0.05
+@pytest.mark.parametrize("step_size", [H / 5, 0.7 * H, 0.9 * H, 1.5 * H])
+@pytest.mark.parametrize("delay", [0.0, 1.5 * H, 2.0 * H])
+def test_steps_of_the_plant_are_of_any_size(step_size, delay):
+    """A cart's step at a held force is the same motion whatever its size, but for half a step of velocity;
+    what is believed of a delay is what the plant's steps make of it.
+    """
+    late = task(
+        duration=60 * H,
+        disturbances=slcp.Disturbances(
+            sensor={"cart.shift": 1e-3, "cart.vshift": 1.0}, delay=delay, start={"cart.vshift": 0.3}
+        ),
+    )
+    policy = estimated(of=late, process=1e-2, keep=True)
+    run = runs(policy, late, step_size=step_size)
+    for time, belief in policy.kept[10:]:
+        off = belief.mean - run.states[:, round(time / step_size)]
+        assert np.abs(off[:, 0]).max() < 0.01 and np.abs(off[:, 1]).max() < 0.05
+    assert np.abs(run.states[:, -1]).max() < 0.1, "it stops where it is to"
+
+
+def test_a_row_of_a_policy_for_each_world():
+    gains = GAIN * np.linspace(0.5, 2.0, 12)[:, None, None]
+    asked = {"worlds": 12, "seed": 1, "dtype": "float64", "device": "cpu"}
+    tables = [
+        slcp.sweep(task(), estimated(policies.Linear(gains)), chunk=chunk, **asked).part(
+            "policy", arm="disturbed"
+        )
+        for chunk in (None, 5)
+    ]
+    np.testing.assert_array_equal(tables[0]["place"], tables[1]["place"])
+    weak = slcp.sweep(task(), estimated(policies.Linear(gains[0])), **asked).part("policy", arm="disturbed")
+    same = tables[0]["place"] == weak["place"]
+    assert same[0] and not same[1:].any()
+    with pytest.raises(slcp.InputError, match="12 trajectories"):
+        slcp.sweep(task(), estimated(policies.Linear(gains)), **asked | {"worlds": 13})
+
+
+def test_memory_inside_begins_with_the_first_question():
+    def counting(dtype, VX, VU, Data, Memory):
+        import warp as wp
+
+        @wp.func
+        def control(data: Data, world: int, step: int, x: VX, memory: Memory):
+            return VU(memory[0]), memory
+
+        return control
+
+    def begun(dtype, VX, VU, Data, Memory):
+        import warp as wp
+
+        @wp.func
+        def start(data: Data, world: int, x: VX):
+            memory = Memory()
+            memory[0] = data.first
+            return memory
+
+        return start
+
+    late = task(disturbances=slcp.Disturbances(sensor=0.1, delay=2 * H))
+    law = policies.Function(counting, memory=1, start=begun, first=5.0)
+    np.testing.assert_array_equal(runs(estimated(law, late), late).controls[:, :5, 0], [[0, 0, 5, 5, 5]] * 5)
+    later = policies.Around(LINEAR, delay=2, before=0.7)
+    run = runs(estimated(later, late), late)
+    np.testing.assert_allclose(run.controls[:, :4, 0], [[0.0, 0.0, 0.7, 0.7]] * 5, atol=1e-7)
+
+
+def test_what_foresees_is_the_filter():
+    """A filter of one's own foretells, not the model that it was made with."""
+
+    class Still(KalmanFilter):
+        def predict(self, belief, u, seconds=None):
+            return belief._replace(mean=belief.mean + [0.0, seconds])
+
+    seen = []
+
+    def act(x, time):
+        seen.append(x.copy())
+        return np.zeros((len(x), 1))
+
+    sim = slcp.Simulator(CART, slcp.Options(residual="hard"), device="cpu")
+    policy = Estimated(policies.Callback(act), Still(sim, {"cart.shift": 0.1}, 0.1), delay=3 * H)
+    sim.rollout([0.0, 0.0], policy=policy, steps=2)
+    np.testing.assert_allclose([x[0, 1] for x in seen], [3 * H, 4 * H], atol=1e-12)
+
+
+def test_another_thread_is_told():
+    policy = estimated()
+    policy.begin(slcp.Simulator(CART, slcp.Options(residual="hard"), device="cpu"), np.arange(1))
+    with ThreadPoolExecutor(1) as pool, pytest.raises(ArgumentError, match="in a run of another thread"):
+        pool.submit(policy.act, np.zeros((1, 2)), 0.0, np.arange(1)).result()
 
 
 def test_memory_inside_is_kept():
@@ -232,9 +319,11 @@ def test_a_task_says_what_it_needs():
     np.testing.assert_allclose(found.filter.x0, [0.5, 1.1])
     first = found.filter.begin(1).covariance[0]
     np.testing.assert_allclose(first, np.diag([0.6**2 / 12.0, 0.3**2 + 1.0]))
-    assert (found.lag, found.before.tolist(), found.limits) == (2, [0.5], (-3, 4))
+    assert (found.delay, found.before.tolist(), found.limits) == (2 * H, [0.5], (-3, 4))
     assert found.filter.sensors == ("cart.shift",)
-    assert estimated(of=task(disturbances=drawn), lag=1, limits=None).limits is None
+    given = estimated(of=task(disturbances=replace(drawn, hold=0.15)), delay=H, limits=None, start=0.2)
+    assert (given.delay, given.before.tolist(), given.limits, given.period) == (H, [0.5], None, 0.15)
+    np.testing.assert_allclose(given.filter.begin(1).covariance[0], 0.04 * np.eye(2))
 
 
 @pytest.mark.parametrize(
@@ -243,7 +332,16 @@ def test_a_task_says_what_it_needs():
         (lambda: estimated(of=task(disturbances=slcp.Disturbances())), ArgumentError,
          "sensors names cart.shift, on which Disturbances.sensor has no noise"),
         (lambda: estimated(of=task(disturbances=slcp.Disturbances(sensor=0.1, delay=slcp.Uniform(0.0, 0.2)))),
-         ArgumentError, "lag is not given, and Disturbances.delay is drawn"),
+         ArgumentError, "delay is not given, and Disturbances.delay is drawn"),
+        (lambda: estimated(of=task(disturbances=slcp.Disturbances(sensor=0.1, hold=slcp.Uniform(0.0, 0.2)))),
+         ArgumentError, "period is not given, and Disturbances.hold is drawn"),
+        (lambda: estimated(of=task(disturbances=slcp.Disturbances(sensor=0.1, parameters={"cart.mass": 0.1},
+            follow={"cart.shift": "cart.mass"}))), ArgumentError,
+         "start is not given, and Disturbances.follow"),
+        (lambda: Estimated(LINEAR, estimated().filter, limits=(np.zeros((3, 1)), 1.0)), ArgumentError,
+         "limits are for 3 worlds"),
+        (lambda: Estimated(LINEAR, estimated().filter, limits=(np.zeros(2), 1.0)), ArgumentError,
+         "limits: lower limit"),
         (lambda: estimated(sensors=[3]), ArgumentTypeError, r"sensors is \[3\]; names of states"),
         (lambda: Estimated(LINEAR, LINEAR), ArgumentTypeError, "filter is a Linear; a policies.KalmanFilter"),
         (lambda: estimated(foresee=1), ArgumentTypeError, "foresee is 1; True or False"),
@@ -251,7 +349,7 @@ def test_a_task_says_what_it_needs():
         (lambda: estimated().act(np.zeros((1, 2)), 0.0, np.arange(1)), ArgumentError, "in no run yet"),
         (lambda: runs(estimated(), task(scene=replace(CART, bodies=(replace(CART.bodies[0], name="car"),),
             actuators=(slcp.Actuator("car"),)), measures={}, success=None,
-            disturbances=slcp.Disturbances(sensor=0.1))), ArgumentError, "the same states are needed"),
+            disturbances=slcp.Disturbances(sensor=0.1))), ArgumentError, "the same mechanism is needed"),
     ],
 )  # fmt: skip
 def test_errors_say_what_is_needed(call, error, text):

@@ -44,6 +44,11 @@ def cart(**given):
     return KalmanFilter(sim, **({"sensors": {"cart.shift": 0.02}, "process": 0.3} | given))
 
 
+def strayed(process, h):
+    """What white noise on the velocity, of this standard deviation in a second, has done after h."""
+    return process**2 * np.array([[h**3 / 3.0, h**2 / 2.0], [h**2 / 2.0, h]])
+
+
 def test_without_contact_it_is_the_textbook_filter():
     rng, steps = np.random.default_rng(1), 30
     us, y = rng.normal(size=(steps, 1)), rng.normal(size=(3, steps + 1, 1))
@@ -52,7 +57,7 @@ def test_without_contact_it_is_the_textbook_filter():
     m, P = np.tile([0.1, -0.2], (3, 1)), np.diag([0.16, 0.49])
     for k in range(steps + 1):
         if k:
-            m, P = m @ A.T + B * us[k - 1], A @ P @ A.T + np.diag([0.0, 0.09 * H])
+            m, P = m @ A.T + B * us[k - 1], A @ P @ A.T + strayed(0.3, H)
         K = P @ C.T / (C @ P @ C.T + 0.02**2)
         m, P = m + (y[:, k] - m @ C.T) @ K.T, P - K @ C @ P
         np.testing.assert_allclose(found.mean[:, k], m, rtol=0, atol=1e-12)
@@ -66,7 +71,7 @@ def test_steps_of_another_size_are_whole_ones():
     h, A = 1.2 * H, np.array([[1.0, 1.2 * H], [0.0, 1.0]])
     P = np.eye(2) * 0.09
     for _ in range(2):
-        P = A @ P @ A.T + np.diag([0.0, 0.09 * h])
+        P = A @ P @ A.T + strayed(0.3, h)
     np.testing.assert_allclose(after.mean[0], [3.0 * h * h * 2.0 / MASS, 2.0 * h * 2.0 / MASS], atol=1e-14)
     np.testing.assert_allclose(after.covariance[0], P, atol=1e-14)
 
@@ -81,7 +86,7 @@ def test_errors_are_as_large_as_it_says():
         if k:
             v = x[:, 1] + H * us[:, k - 1, 0] / MASS
             x = np.stack([x[:, 0] + H * v, v], axis=1)
-            x[:, 1] += 0.3 * np.sqrt(H) * rng.normal(size=worlds)
+            x += rng.normal(size=(worlds, 2)) @ np.linalg.cholesky(strayed(0.3, H)).T
         seen.append(x[:, :1] + 0.02 * rng.normal(size=(worlds, 1)))
     belief = filter.estimate(np.stack(seen, axis=1), us)
     off = x - belief.mean[:, -1]
@@ -95,7 +100,7 @@ def test_contact_is_as_soft_as_the_state_is_uncertain(height):
     """The mean through a frictionless contact is the mean of hard contact over what is believed of w."""
     h, sigma_q, sigma_v, rho = BALL.step_size, 0.003, 0.2, -0.4
     sim = slcp.Simulator(BALL, slcp.Options(residual="rem-normal", noise="state"), device="cpu")
-    filter = KalmanFilter(sim, {"ball.shift": 0.01}, 0.0)
+    filter = KalmanFilter(sim, {"ball.shift": 0.01}, 0.0, start=1.0)
     assert "as soft as the state is uncertain" in repr(filter)
     cross = rho * sigma_q * sigma_v
     P = np.array([[sigma_q**2, cross], [cross, sigma_v**2]])
@@ -116,7 +121,7 @@ def test_contact_is_as_soft_as_the_state_is_uncertain(height):
 def test_the_covariance_goes_by_derivatives_through_contact():
     """Against differences of the step's mean, of a ball that is being pressed on; sure ones do not move."""
     sim = slcp.Simulator(BALL, slcp.Options(residual="hard"), device="cpu")
-    filter = KalmanFilter(sim, {"ball.shift": 0.01}, 0.0)
+    filter = KalmanFilter(sim, {"ball.shift": 0.01}, 0.0, start=1.0)
     P = np.array([[1e-4, 2e-4], [2e-4, 0.04]])
     for x in ([0.1, -0.5], [0.3, -0.5]):
         eps = 1e-6 * np.concatenate([np.eye(2), -np.eye(2)])
@@ -139,6 +144,17 @@ def test_a_model_without_a_solution_goes_on_at_its_velocity():
     np.testing.assert_allclose(after.covariance[:, 1, 1], 0.01 + 0.25 * 0.04, atol=1e-15)
 
 
+@pytest.mark.parametrize("options", [{"residual": "hard"}, {"residual": "rem-logistic"}])
+def test_what_presses_is_seen_to_leave(options):
+    """A ball that its model holds on the floor is lifted by what the model does not know of."""
+    sim = slcp.Simulator(BALL, slcp.Options(**options), device="cpu")
+    filter = KalmanFilter(sim, {"ball.shift": 0.003}, 1.0, start=0.05, x0=[0.1, 0.0])
+    height = np.concatenate([np.full(10, 0.1), 0.1 + 0.02 * np.arange(41)])
+    found = filter.estimate(height[None, :, None], np.zeros((50, 0)))
+    assert abs(found.mean[0, 9, 0] - 0.1) < 0.01 and abs(found.mean[0, -1, 0] - 0.9) < 0.05
+    assert found.mean[0, -1, 1] == pytest.approx(1.0, abs=0.3)
+
+
 def test_angles_count_modulo_their_period():
     scene = replace(CART, bodies=(slcp.Body("wheel", 1.0, 0.5),), actuators=(slcp.Actuator("wheel"),),
                     period=(2.0 * np.pi,))  # fmt: skip
@@ -149,6 +165,18 @@ def test_angles_count_modulo_their_period():
     assert near.mean[0, 0] > 3.1
     turned = filter.correct(filter.begin(1), [[0.4 + 2.0 * np.pi, -3.12]])
     assert turned.mean[0, 1] > 3.0, "velocities have no period"
+
+
+def test_one_sensor_that_was_not_read_leaves_the_others():
+    both = cart(sensors={"cart.shift": 0.02, "cart.vshift": 0.1}, start=(0.4, 0.7))
+    one = cart(start=(0.4, 0.7))
+    found, expected = (
+        each.correct(each.predict(each.begin(1), [0.0]), [seen])
+        for each, seen in ((both, [0.3, np.nan]), (one, [0.3]))
+    )
+    np.testing.assert_allclose(found.mean, expected.mean, atol=1e-15)
+    np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-15)
+    assert expected.mean[0, 1] > 0.0
 
 
 def test_what_was_not_measured_teaches_nothing():
@@ -181,11 +209,17 @@ def test_differences_are_those_of_what_was_measured():
 @pytest.mark.parametrize(
     ("given", "error", "text"),
     [
-        ({"sensors": {"cart.shift": 0.0}}, ArgumentError, r"sensors\['cart.shift'\] is 0.0; a positive"),
+        (
+            {"sensors": {"cart.shift": 0.0}},
+            ArgumentError,
+            r"sensors\['cart.shift'\] is 0.0; a .*1e-50, 1e\+50",
+        ),
+        ({"process": 0.0}, ArgumentError, "process and start are both 0: what is sure learns nothing"),
+        ({"start": 1e200}, ArgumentError, "start is 1e\\+200; a number from 0 to 1e\\+50"),
         ({"sensors": {"cart.speed": 0.1}}, ArgumentError, "cart.speed"),
         ({"sensors": ["cart.shift"]}, ArgumentTypeError, r"sensors is \['cart.shift'\]; a dict"),
         ({"sensors": {}}, ArgumentTypeError, "sensors is {}; a dict of numbers by state name is needed"),
-        ({"process": -1.0}, ArgumentError, "process is -1.0; a number of at least 0"),
+        ({"process": -1.0}, ArgumentError, "process is -1.0; a number from 0"),
         ({"process": (1.0, 2.0, 3.0)}, ArgumentError, r"process is .*\(2,\) of them"),
         ({"process": {"cart.vshift": -1.0}}, ArgumentError, r"process\['cart.vshift'\] is -1.0"),
         ({"x0": (0.0,)}, ArgumentError, r"x0 has shape \(1,\); \(2,\) is needed"),

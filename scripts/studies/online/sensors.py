@@ -40,7 +40,7 @@ class Differences(KalmanFilter):
     """
 
     def __init__(self, model: slcp.Simulator, sensors: dict[str, float], held: float = 0.0) -> None:
-        super().__init__(model, sensors, process=0.0)
+        super().__init__(model, sensors, process=1.0)
         self.held = held
 
     def begin(self, worlds: int) -> Belief:
@@ -112,7 +112,7 @@ def arms(task: slcp.Task, policy: Any, process: float) -> dict[str, Any]:
         "all states, noisy": policy,
         "differences": Estimated(policy, Differences(model, CART), limits=task.control_limits),
         "filter": Estimated.of_task(task, policy, CART, process, foresee=False),
-        "filter, delay not known": Estimated.of_task(task, policy, CART, process, lag=0),
+        "filter, delay not known": Estimated.of_task(task, policy, CART, process, delay=0.0),
         "filter that foresees": Estimated.of_task(task, policy, CART, process),
     }
 

@@ -1,21 +1,24 @@
 """A policy that sees what a Kalman filter makes of a few noisy sensors, in place of the state."""
 
+import threading
 from typing import Any
 
 import numpy as np
 
-from ...inputs.checks import attribute, flag, instance, whole
+from ...inputs.checks import attribute, flag, instance, number
 from ...inputs.errors import ArgumentError, ArgumentTypeError
 from ...inputs.limits import any_limits, limit_rows
+from ...inputs.times import nearest_steps
 from ...simulator import Simulator
 from ...stepping.acting import Acting, acting
 from ...stepping.arguments import at_step_size
-from ..around import LONGEST, controls_before
+from ..around import controls_before
 from .foresight import foreseeing
 from .kalman import Belief, KalmanFilter
 from .sensing import first_state, sensors_of
+from .sent import Sent
 
-OF_RUN = ("belief", "kept", "_inner", "_numbers", "_sent", "_last")
+OF_RUN = ("belief", "kept", "_inner", "_sent", "_last", "_thread")
 
 
 class Estimated:
@@ -28,12 +31,14 @@ class Estimated:
     Args:
         policy: any, in kernels or on the host; it sees the mean as it sees states elsewhere.
         filter: what it believes.
-        lag: steps of the model from a control to its action, as of a task's delay.
-        foresee: whether it sees the state that the model foretells for when its control acts, `lag` steps
-            ahead, and counts steps from there; False: the state that is. None: True, but for a policy with a
-            `lag` of its own (`ddp.MPC`).
-        limits: (lower, upper) of the controls that act; None: none beside the policy's own.
+        delay: from a control to its action [s], as of a task; to the nearest step of the run.
+        foresee: whether it sees the state that the model foretells for when its control acts, and counts
+            steps from there; False: the state that is. None: True, but for a policy with a `lag` of its own
+            (`ddp.MPC`).
+        limits: (lower, upper) of the controls that act, each a number or (nu,); None: none beside the
+            policy's own.
         before: controls (nu,), or one number for all, until the first that is sent acts; None: zero.
+        period: between two questions [s], as of a task's hold; None: a step of the model.
         keep: True: `kept` has every estimate of the run.
 
     Attributes:
@@ -50,21 +55,28 @@ class Estimated:
         self,
         policy: Any,
         filter: KalmanFilter,
-        lag: int = 0,
+        delay: float = 0.0,
         foresee: bool | None = None,
         limits: Any = None,
         before: Any = None,
+        period: float | None = None,
         keep: bool = False,
     ) -> None:
         self.filter = instance("filter", filter, KalmanFilter, "a policies.KalmanFilter")
-        self.lag, self.keep = whole("lag", lag, 0, LONGEST), flag("keep", keep)
+        self.delay, self.keep = number("delay", delay, 0.0), flag("keep", keep)
         self.foresee = not attribute(policy, "lag") if foresee is None else flag("foresee", foresee)
         if self.foresee:
-            policy = foreseeing(policy, self.lag * self.filter.step_size)
+            policy = foreseeing(policy, self.delay)
         self.policy = at_step_size(policy, self.filter.step_size)
+        self.worlds = attribute(policy, "worlds") or 1
         self.limits = any_limits(limits, "limits")
+        lower, upper = limit_rows(self.limits, self.filter.model.nu, "limits")
+        if len(lower) != 1:
+            raise ArgumentError(f"limits are for {len(lower)} worlds; one pair for all is needed")
+        self._within = lower, upper
         self.before = controls_before("before", before, self.filter.model.nu)
-        self.period = self.filter.step_size
+        own = self.filter.step_size
+        self.period = own if period is None else number("period", period, 0.0, above=True)
         self.belief: Belief | None = None
         self.kept: list[tuple[float, Belief]] = []
 
@@ -84,9 +96,10 @@ class Estimated:
         sensors: Any,
         process: Any,
         model: Simulator | None = None,
+        start: Any = None,
         **given: Any,
     ) -> "Estimated":
-        """A policy of a task's runs, with what its disturbances say of sensors, start and delay.
+        """A policy of a task's runs, with what its disturbances say of sensors, start, delay and hold.
 
         Args:
             task: a `slcp_warp.Task`.
@@ -94,72 +107,80 @@ class Estimated:
             sensors: names of the measured states, whose noise is that of `Disturbances.sensor`, or a dict of
                 standard deviations by name.
             process, model: as of `KalmanFilter`; model None: the task's simulator.
+            start: as of `KalmanFilter`; None: how far the task's runs begin from their mean.
             given: of the class, in place of what the task says.
 
         Raises:
-            ArgumentError: sensors without noise, which no filter can weigh; a delay that is drawn.
+            ArgumentError: sensors without noise, which no filter can weigh; a delay or a hold that is drawn,
+                or a start that follows what is, where no number is given in its place.
         """
         disturbances = attribute(task, "disturbances")
         if disturbances is None or not callable(attribute(task, "simulator")):
             raise ArgumentTypeError(f"task is a {type(task).__name__}; a slcp_warp.Task is needed")
         model = task.simulator() if model is None else instance("model", model, Simulator, "a Simulator")
+        if start is None and disturbances.follow:
+            raise ArgumentError("start is not given, and Disturbances.follow moves it; deviations are needed")
         mean, deviation = first_state(task)
+        deviation = deviation if start is None else start
         found = KalmanFilter(model, sensors_of(task, sensors), process, deviation, mean)
-        own: dict[str, Any] = {"limits": task.control_limits}
-        if "lag" not in given and disturbances.delay:
-            if not isinstance(disturbances.delay, float):
-                raise ArgumentError("lag is not given, and Disturbances.delay is drawn; steps are needed")
-            own["lag"], own["before"] = round(disturbances.delay / found.step_size), disturbances.before
+        own: dict[str, Any] = {"limits": task.control_limits, "before": disturbances.before}
+        for name, of in (("delay", disturbances.delay), ("period", disturbances.hold)):
+            if name not in given and not isinstance(of, float):
+                what = "hold" if name == "period" else name
+                text = f"{name} is not given, and Disturbances.{what} is drawn; seconds are needed"
+                raise ArgumentError(text)
+            own[name] = of if name == "delay" else of or None
         return cls(policy, found, **(own | given))
 
-    def begin(self, sim: Any, worlds: np.ndarray) -> None:
+    def begin(self, sim: Any, worlds: np.ndarray, step_size: float | None = None) -> None:
         """A run begins; see `policies.HostPolicy`.
 
+        Args:
+            sim, worlds: as there.
+            step_size: of the run [s]; None: the simulator's.
+
         Raises:
-            ArgumentError: another mechanism's states than the model's.
+            ArgumentError: another mechanism than the model's.
         """
         own = self.filter.model.scene
-        if tuple(sim.scene.state_names) != tuple(own.state_names):
+        names = [(scene.state_names, scene.control_names, scene.structure) for scene in (sim.scene, own)]
+        if names[0] != names[1]:
             raise ArgumentError(
                 f"filter.model is of scene {own.name!r}, and scene {sim.scene.name!r} is to be controlled; "
-                "the same states are needed"
+                "the same mechanism is needed"
             )
-        self._numbers = np.asarray(worlds)
-        self._inner: Acting = acting(self.policy, self.filter.model, self._numbers)
-        self._sent = np.tile(self.before, (self.lag, len(self._numbers), 1))  # and does not act yet
-        self._last: tuple[float, np.ndarray] | None = None  # when it was asked, what it said
-        self.belief, self.kept = self.filter.begin(len(self._numbers)), []
+        numbers = np.asarray(worlds)
+        h = sim.scene.step_size if step_size is None else step_size
+        self._late = h * nearest_steps("delay", self.delay, h) if self.delay else 0.0
+        self._inner: Acting = acting(self.policy, self.filter.model, numbers, self.filter.step_size)
+        self._sent = Sent(np.tile(self.before, (len(numbers), 1)), self._late, 1e-6 * self.filter.step_size)
+        self._last: float | None = None  # when it was asked
+        self._thread = threading.get_ident()
+        self.belief, self.kept = self.filter.begin(len(numbers)), []
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> np.ndarray:
         """Controls (B, nu) of the states x (B, nx), of which the sensors' are read."""
         if "_inner" not in vars(self) or self.belief is None:
             raise ArgumentError("this policy is in no run yet; begin(sim, worlds) comes before act")
-        belief = self.belief if self._last is None else self._meanwhile(time)
+        if self._thread != threading.get_ident():
+            raise ArgumentError("this policy is in a run of another thread; give each a copy of its own")
+        belief = self.belief
+        if self._last is not None:
+            belief = self._until(belief, self._last, time)
         self.belief = belief = self.filter.correct(belief, x[:, self.filter.places])
         if self.keep:
             self.kept.append((time, belief))
-        step, seen = round(time / self.period), belief.mean
-        if self.foresee and self.lag:
-            step, seen = step + self.lag, self._ahead(seen)
-        lower, upper = limit_rows(self.limits, self.filter.model.nu)
-        u = np.clip(self._inner.controls(seen, step, step * self.period), lower, upper)
-        self._last = time, u
+        acts = time
+        if self.foresee and self._late:
+            acts, belief = time + self._late, self._until(belief, time, time + self._late)
+        step = round(acts / self.filter.step_size)
+        u = np.clip(self._inner.controls(belief.mean, step, acts), *self._within)
+        self._sent.send(time, u)
+        self._last = time
         return u
 
-    def _meanwhile(self, time: float) -> Belief:
-        """What is believed now, after the controls that have acted since it was asked last."""
-        assert self._last is not None and self.belief is not None
-        before, held = self._last
-        steps = max(1, round((time - before) / self.period))
-        belief = self.belief
-        for _ in range(steps):
-            self._sent = np.concatenate([self._sent, held[None]])
-            acted, self._sent = self._sent[0], self._sent[1:]
-            belief = self.filter.predict(belief, acted, (time - before) / steps)
+    def _until(self, belief: Belief, begin: float, end: float) -> Belief:
+        """What is believed after the controls that act between two times."""
+        for u, seconds in self._sent.acting(begin, end):
+            belief = self.filter.predict(belief, u, seconds)
         return belief
-
-    def _ahead(self, mean: np.ndarray) -> np.ndarray:
-        """States (B, nx) when what is sent now acts; of worlds whose model fails those of now."""
-        run = self.filter.model.rollout(mean, self._sent.swapaxes(0, 1), self.filter.params)
-        last = run.states[:, -1].astype(float)
-        return np.where(np.isfinite(last), last, mean)

@@ -8,11 +8,13 @@ import numpy as np
 from ...description.names import index_of
 from ...description.scene import Scene
 from ...gradients import tape
-from ...inputs.checks import array, instance, number, shown
+from ...inputs.checks import array, instance, number, shown, whole
 from ...inputs.errors import ArgumentError, ArgumentTypeError
 from ...options import Status
 from ...parameters import Parameters
 from ...simulator import Simulator
+
+LEAST, MOST = 1e-50, 1e50  # of standard deviations: their squares are numbers
 
 
 class Belief(NamedTuple):
@@ -37,9 +39,10 @@ class KalmanFilter:
 
     Args:
         model: what is believed, a simulator with derivatives; `scene.step_size` is the size of its steps.
-        sensors: state name -> standard deviation of its measurement, above 0 [its unit].
+        sensors: state name -> standard deviation of its measurement, 1e-50 to 1e50 [its unit].
         process: what the model does not know: standard deviation by which a state strays in a second, as
-            white noise does (by sqrt(t) in t seconds); by state name, or one number for all velocities.
+            white noise does (by sqrt(t) in t seconds); by state name, or one number for all velocities, which
+            take positions along.
         start: standard deviation of the first state, by state name (others 0), (nx,), or one for all.
         x0: (nx,) mean of the first state; None: the scene's.
         params: numbers of the model, one row; None: the simulator's.
@@ -67,11 +70,13 @@ class KalmanFilter:
         self.sensors = tuple(scene.state_names[place] for place in self.places)
         if len(set(self.sensors)) < len(self.sensors):
             raise ArgumentError(f"sensors names a state twice: {', '.join(self.sensors)}")
-        sds = [number(f"sensors[{name!r}]", sd, 0.0, above=True) for name, sd in sensors.items()]
+        sds = [number(f"sensors[{name!r}]", sd, LEAST, MOST) for name, sd in sensors.items()]
         self._measured = np.square(sds)
         velocities = np.arange(nx) >= scene.nv
         self._process = np.square(_deviations("process", process, scene, velocities))
         self._first = np.diag(np.square(_deviations("start", start, scene, np.full(nx, True))))
+        if not (self._process.any() or self._first.any()):
+            raise ArgumentError("process and start are both 0: what is sure learns nothing; one is needed")
         self.x0 = scene.x0 if x0 is None else array("x0", x0, (nx,))
         self.params = model.params.matching(params, 1)
         if self.params.worlds is not None:
@@ -88,6 +93,7 @@ class KalmanFilter:
 
     def begin(self, worlds: int) -> Belief:
         """What is known of so many worlds before anything is measured."""
+        whole("worlds", worlds, 0)
         return Belief(
             np.tile(self.x0, (worlds, 1)), np.tile(self._first, (worlds, 1, 1)), np.zeros(worlds, int)
         )
@@ -116,7 +122,7 @@ class KalmanFilter:
             solved = (linear.status == Status.SOLVED) & (after.status == Status.SOLVED)
             A = np.where(solved[:, None, None], linear.A.astype(float), free)
             mean = np.where(solved[:, None], after.state.astype(float), mean @ free.T)
-            covariance = _symmetric(A @ covariance @ A.swapaxes(1, 2)) + h * np.diag(self._process)
+            covariance = _symmetric(A @ covariance @ A.swapaxes(1, 2)) + self._strayed(h)
             belief = Belief(mean, covariance, failures + ~solved)
         return belief
 
@@ -124,22 +130,29 @@ class KalmanFilter:
         """What is known when the sensors have been read; angles count modulo their period.
 
         Args:
-            measured: (B, sensors), in their order; worlds with NaN among theirs learn nothing.
+            measured: (B, sensors), in their order; NaN where one was not read.
         """
-        mean, covariance, failures = belief
+        mean, covariance, failures = instance("belief", belief, Belief, "a policies.Belief")
         seen = array("measured", measured, (len(mean), len(self.places)), finite=False)
-        known = np.isfinite(seen).all(1)
-        off = np.where(known[:, None], seen - mean[:, self.places], 0.0)
+        known = np.isfinite(seen)
+        off = np.where(known, seen - mean[:, self.places], 0.0)
         period = np.asarray(self.model.scene.state_period)[self.places]
         turns = np.round(np.divide(off, period, out=np.zeros_like(off), where=period > 0.0))
         off = off - turns * period
-        noise, to_sensors = np.diag(self._measured), covariance[:, self.places]
-        gain = np.linalg.solve(to_sensors[:, :, self.places] + noise, to_sensors).swapaxes(1, 2)
-        gain = np.where(known[:, None, None], gain, 0.0)
+        noise, to_sensors = np.diag(self._measured), covariance[:, self.places] * known[:, :, None]
+        both = to_sensors[:, :, self.places] * known[:, None, :] + noise
+        gain = np.linalg.solve(both, to_sensors).swapaxes(1, 2)
         left = np.tile(np.eye(mean.shape[1]), (len(mean), 1, 1))
         left[:, :, self.places] -= gain
         covariance = left @ covariance @ left.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2)
         return Belief(mean + (gain @ off[:, :, None])[:, :, 0], _symmetric(covariance), failures)
+
+    def _strayed(self, h: float) -> np.ndarray:
+        """Covariance (nx, nx) of what noise has done after a step: to velocities all the while."""
+        nv = len(self._process) // 2
+        of_q, of_v = np.diag(self._process[:nv]), np.diag(self._process[nv:])
+        across = 0.5 * h**2 * of_v
+        return np.block([[h * of_q + h**3 / 3.0 * of_v, across], [across, h * of_v]])
 
     def estimate(self, measured: Any, controls: Any) -> Belief:
         """A recorded run, looked at afterwards: every estimate from what was measured until then.
@@ -184,13 +197,13 @@ def _deviations(name: str, given: Any, scene: Scene, all_of: np.ndarray) -> np.n
         out = np.zeros(len(all_of))
         for state, sd in given.items():
             out[index_of(f"a name of {name}", state, scene.state_names)] = number(
-                f"{name}[{state!r}]", sd, 0.0
+                f"{name}[{state!r}]", sd, 0.0, MOST
             )
         return out
     found = array(name, given)
-    if found.shape not in ((), all_of.shape) or (found < 0.0).any():
+    if found.shape not in ((), all_of.shape) or not ((found >= 0.0) & (found <= MOST)).all():
         raise ArgumentError(
-            f"{name} is {shown(given)}; a number of at least 0, ({len(all_of)},) of them, or numbers by "
+            f"{name} is {shown(given)}; a number from 0 to {MOST:g}, ({len(all_of)},) of them, or numbers by "
             "state name, are needed"
         )
     return np.where(all_of, found, 0.0) if found.ndim == 0 else found
