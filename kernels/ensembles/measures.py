@@ -60,19 +60,18 @@ def make_tables(dtype: type) -> type:
 
     @wp.struct
     class Measures:
-        # (S, 5): kind, place or first pair, state to take off or end of the pairs, how, measure to take off
+        # (S, 5): kind, place or first pair, state to take off or end of the pairs, how, measure to take off;
+        # of a sum: kind, its terms from, to in `ranges`, how, where in `bounds` that of row 0 has its weight
         signal: wp.array2d(dtype=wp.int32)
         since: int  # of the last measures, which come first in a step: what relative signals began with
-        bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
+        bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high; before them weights of sums' terms
         compared: wp.array(dtype=wp.int32)  # (A,): its signal
-        # (T, 2) signals that a term of a sum is a product of, NONE: no more; weights of the terms (T,)
-        factor: wp.array2d(dtype=wp.int32)
-        weight: wp.array(dtype=wp.float64)
         clause: wp.array2d(dtype=wp.int32)  # (C, 2): first comparison of a clause, and one after the last
         # (M, 7): reduction, signal or NONE, its clauses from, to, 1: always, clauses where it counts from, to
         measure: wp.array2d(dtype=wp.int32)
         window: wp.array2d(dtype=wp.float64)  # (M, 2): start, end [s]
-        # (R, 2): first pair and end, where a signal's pairs are ranges of these, with `Users.scattered`
+        # (R, 2): first pair and end, where a signal's pairs are ranges of these, with `Users.scattered`; of a
+        # term of a sum the signals that it is a product of, NONE: no more
         ranges: wp.array2d(dtype=wp.int32)
         ends: int  # measure, a first time, that ends a world; NONE: none does
         weights: wp.array2d(dtype=dtype)  # (1, P) of the cost
@@ -221,7 +220,7 @@ def make_measures(
         return value
 
     @wp.func
-    def signal(
+    def summed(
         m: Measures,
         kept: wp.array3d(dtype=wp.float64),
         i: int,
@@ -233,18 +232,19 @@ def make_measures(
         last: int,
         c: Contacts,
     ):
-        if wp.static(users.sums):
-            if m.signal[s, 0] == wp.static(SUM):
-                total = wp.float64(0.0)
-                first, end = m.signal[s, 1], m.signal[s, 2]
-                for n in range(first, end):
-                    term = m.weight[n]
-                    for j in range(2):
-                        if m.factor[n, j] != wp.static(NONE):
-                            term *= single(m, kept, i, m.factor[n, j], x, u, time, h, last, c)
-                    total += term
-                return wp.where(m.signal[s, 3] == wp.static(ABSOLUTE), wp.abs(total), total)
-        return single(m, kept, i, s, x, u, time, h, last, c)
+        if m.signal[s, 0] != wp.static(SUM):
+            return single(m, kept, i, s, x, u, time, h, last, c)
+        total = wp.float64(0.0)
+        first, end = m.signal[s, 1], m.signal[s, 2]
+        for n in range(first, end):
+            term = m.bounds[n + m.signal[s, 4], 0]
+            for j in range(2):
+                if m.ranges[n, j] != wp.static(NONE):
+                    term *= single(m, kept, i, m.ranges[n, j], x, u, time, h, last, c)
+            total += term
+        return wp.where(m.signal[s, 3] == wp.static(ABSOLUTE), wp.abs(total), total)
+
+    signal = summed if users.sums else single
 
     @wp.func
     def holds(

@@ -18,28 +18,24 @@ OF_TASKS = {  # options that a report has no use for
     *("measure", "statistic", "bounds", "confidence", "margin", "worlds", "batch", "out"),
     *("step_size", "seed", "device", "dtype", *RULES),
 }
+REPORT = (
+    "Report of `slcp sweep TASK` with several policies (.csv, .npz, .parquet, folder); with --policy a task."
+)
+SEQUENTIAL = "Intervals for all looks together; of a task: run until the difference is decided."
+OTHER = "Of a report: another one, of another design, whose policy is the second."
 
 
 @one_line_errors
 @with_rules
 def compare_command(
     context: typer.Context,
-    report: Annotated[
-        str,
-        typer.Argument(
-            metavar="REPORT",
-            help="Report of `slcp sweep TASK` with several policies: .csv, .npz, .parquet, or a folder; with "
-            "--policy a task.",
-        ),
-    ],
+    report: Annotated[str, typer.Argument(metavar="REPORT", help=REPORT)],
     first: Annotated[str | None, typer.Argument(help="A policy; default: the first.")] = None,
-    second: Annotated[str | None, typer.Argument(help="Another one; default: the second.")] = None,
-    sequential: Annotated[
-        bool,
-        typer.Option(
-            help="Intervals for all looks together; of a task: run until the difference is decided."
-        ),
-    ] = False,
+    second: Annotated[
+        str | None, typer.Argument(help="Another one; default: the second, of --other the same.")
+    ] = None,
+    sequential: Annotated[bool, typer.Option(help=SEQUENTIAL)] = False,
+    other: Annotated[Path | None, typer.Option(help=OTHER)] = None,
     policy: Annotated[list[str] | None, typer.Option(help=f"Of a task, twice: {POLICY}.")] = None,
     measure: Annotated[str, typer.Option(help="Of a task: success, or a measure.")] = "success",
     statistic: Annotated[
@@ -68,8 +64,10 @@ def compare_command(
     """
     if not policy:
         refuse(context, OF_TASKS, "of a task with --policy; this is of a report")
-        _of_report(Path(report), first, second, sequential)
+        _of_report(Path(report), first, second, sequential, other)
         return
+    if other is not None:
+        raise ValueError("--other is of reports; of a task's --policy alone say what is compared")
     if not sequential:
         raise ValueError("--policy is of a task with --sequential; `slcp sweep` makes reports to compare")
     if first is not None:
@@ -98,14 +96,19 @@ def _of_worlds(found: slcp.SequentialComparison, path: Path | None) -> None:
         raise typer.Exit(INTERRUPTED)
 
 
-def _of_report(path: Path, first: str | None, second: str | None, sequential: bool) -> None:
+def _of_report(
+    path: Path, first: str | None, second: str | None, sequential: bool, other: Path | None
+) -> None:
     found = slcp.load_report(path)
     there = list(dict.fromkeys(key[0] for key in found.source.keys))
     one = first or there[0]
-    other = second or next((name for name in there if name != one), "")
-    if not other:
-        raise ValueError(f"{path} has the policy {there[0]!r} only; two are needed")
-    differences = comparison(found, one, other, sequential)
+    beside = None if other is None else slcp.load_report(other)
+    two = second or (one if beside is not None else next((name for name in there if name != one), ""))
+    if not two:
+        raise ValueError(f"{path} has the policy {there[0]!r} only; two are needed, or --other")
+    differences = comparison(found, one, two, sequential, beside)
     tell_incomplete(found, path)
+    if beside is not None and other is not None:
+        tell_incomplete(beside, other)
     console.print(*report_tables(found), sep="\n")
     console.print(differences)

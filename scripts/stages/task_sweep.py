@@ -106,30 +106,37 @@ def tell_incomplete(report: slcp.Report, path: str | Path) -> slcp.Report:
     return report
 
 
-def comparison(report: slcp.Report, first: str, second: str, peeking: bool = False) -> Table:
-    """Differences first - second in the same disturbed worlds, with their 95 % intervals."""
-    keys = [key for key in report.source.keys if key[3] == ARMS[0]]
-    there = list(dict.fromkeys(key[0] for key in keys))
-    for name in (first, second):
+def comparison(
+    report: slcp.Report, first: str, second: str, peeking: bool = False, other: slcp.Report | None = None
+) -> Table:
+    """Differences first - second in the same disturbed worlds, with their 95 % intervals; the second policy
+    is the other report's, where there is one.
+    """
+    beside = report if other is None else other
+    keys, others = ([k for k in each.source.keys if k[3] == ARMS[0]] for each in (report, beside))
+    for name, own, which in ((first, keys, "the report"), (second, others, "the other report")):
+        there = list(dict.fromkeys(key[0] for key in own))
         if name not in there:
-            raise ValueError(
-                f"there is no policy {name!r} in the report; it has {', '.join(map(repr, there))}"
-            )
-    names = ("success", *report.measures)
+            which = "the report" if other is None else which
+            raise ValueError(f"there is no policy {name!r} in {which}; it has {', '.join(map(repr, there))}")
+    names = ("success", *(name for name in report.measures if name in beside.measures))
     looks = ", at all looks" if peeking else ""
-    table = Table(title=f"{first} less {second}, the same worlds, 95 % intervals{looks}", box=SIMPLE_HEAD)
+    of = "" if other is None else " of the other report"
+    table = Table(title=f"{first} less {second}{of}, the same worlds, 95 % intervals{looks}", box=SIMPLE_HEAD)
     for heading in ("case", *names):
         table.add_column(heading, justify="left" if heading == "case" else "right")
     for policy, case, step_size, arm in keys:
-        if policy != first or (second, case, step_size, arm) not in keys:
+        if policy != first or (second, case, step_size, arm) not in others:
             continue
-        found = report.compare(first, second, case, step_size, peeking)
+        found = report.compare(first, second, case, step_size, peeking, other=other)
         if np.isnan(found["success"][0]):
             raise ValueError(
                 f"{first} and {second} have no world in common in {case}, h = {step_size:g}: what is "
                 "finished of them is of different worlds"
             )
         table.add_row(f"{case}, h = {step_size:g}", *(_difference(found[name]) for name in names))
+    if not table.row_count:
+        raise ValueError(f"{first} and {second} have no case in common at one step size")
     return table
 
 

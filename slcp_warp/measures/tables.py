@@ -66,21 +66,20 @@ class MeasureTable:
         pairs = {signal: _ranges(signal.pairs(scene)) for signal in signals if signal.kind in OF_CONTACTS}
         self._scattered = any(len(each) != 1 for each in pairs.values())
         self._ranges = [(0, 0)]
-        self._summed = 0  # terms of the sums so far
-        self._factors = [
-            [place[each] for each in factors] for signal in signals for _, factors in signal.terms
-        ]
-        self._weights = [weight for signal in signals for weight, _ in signal.terms]
+        self._bounds: list[tuple[float, float]] = []
         self._signals = [
-            (*self._signal(signal, scene, pairs.get(signal, [])), row) for signal, row in zip(signals, rows)
+            self._sum(signal, place)
+            if signal.terms
+            else (*self._signal(signal, scene, pairs.get(signal, [])), row)
+            for signal, row in zip(signals, rows)
         ]
+        self._sums = bool(self._bounds)
         kinds = {signal.kind for signal in signals}
         self._gaps, self._slips = "gap" in kinds, "slip" in kinds
         self._forces, self._rubs = (not kinds.isdisjoint(each) for each in (FORCES, RUBS))
         self._pulls = OF_TENDONS in kinds
         self.looks_inside = self._pulls or not kinds.isdisjoint(OF_CONTACTS)
-        self._bounds: list[tuple[float, float]] = []
-        self._compared: list[int] = []
+        self._compared = [0] * len(self._bounds)
         self._clauses: list[tuple[int, int]] = []
         self._rows = [self._row(measure, place) for measure in self._all]
 
@@ -90,9 +89,6 @@ class MeasureTable:
         kind = kernels.SIGNALS.index(signal.kind)
         which = self._functions.index(signal.function) if signal.function is not None else signal.place(scene)
         how = kernels.ABSOLUTE * signal.absolute + kernels.SINCE * signal.since_start
-        if signal.kind == SUM:
-            self._summed += len(signal.terms)
-            return kind, self._summed - len(signal.terms), self._summed, how
         if signal.kind in OF_CONTACTS:
             if not self._scattered:
                 return kind, *pairs[0], how
@@ -103,6 +99,16 @@ class MeasureTable:
             which, less = (self._listed(each, axis) for each in (signal.which, signal.minus))
             return kind, which, less, how
         return kind, which, signal.less(scene), how
+
+    def _sum(self, signal: Signal, place: dict[Signal, int]) -> tuple[int, int, int, int, int]:
+        """The row of a sum, whose terms are listed."""
+        first, shift = len(self._ranges), len(self._bounds) - len(self._ranges)
+        for weight, factors in signal.terms:
+            self._bounds.append((weight, 0.0))
+            one, two = (*(place[each] for each in factors), kernels.NONE, kernels.NONE)[:2]
+            self._ranges.append((one, two))
+        how = kernels.ABSOLUTE * signal.absolute
+        return kernels.SIGNALS.index(SUM), first, len(self._ranges), how, shift
 
     def _listed(self, point: Any, axis: int) -> int:
         """The number of a point's coordinate; NONE: no point."""
@@ -146,7 +152,7 @@ class MeasureTable:
         cost = self._cost and self._cost.functions(sim.dtype, sim.nx, sim.nu)
         some = any(measure.where is not None for measure in self.measures)
         looks = self._slips, self._forces, self._rubs
-        own = self._scattered, self._pulls, some, bool(self._weights)
+        own = self._scattered, self._pulls, some, self._sums
         parts = self._relative, self._gaps, bool(self._points), *looks, *own
         return kernels.Users(self._functions, cost, *parts)
 
@@ -166,10 +172,8 @@ class MeasureTable:
             ("clause", self._clauses, 2, np.int32),
             ("measure", self._rows, 7, np.int32),
             ("window", window, 2, np.float64),
-            ("factor", [(*each, kernels.NONE, kernels.NONE)[:2] for each in self._factors], 2, np.int32),
         ):
             setattr(out, name, wp.array(np.array(values, kind).reshape(-1, width), device=device))
-        out.weight = wp.array(np.array(self._weights, float), device=device)
         out.ends, out.since = self._ends, len(self._all) - len(self.measures)
         out.compared = wp.array(np.array(self._compared, np.int32), device=device)
         return out

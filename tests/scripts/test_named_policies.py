@@ -109,6 +109,32 @@ def push(force):
 """
 
 
+def test_two_designs_are_compared_by_their_reports(tmp_path, monkeypatch):
+    """A cart of half the mass goes twice as far, in worlds of the same factors."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cart.py").write_text(
+        CART
+        + """
+light = task.replace(scene=slcp.Scene("cart", bodies=(slcp.Body("cart", 1.0, 0.01, joint="prismatic"),),
+                     actuators=(slcp.Actuator("cart"),), step_size=0.05))
+three, four = push(3.0), push(4.0)
+"""
+    )
+    for name in ("task", "light"):
+        call("sweep", f"cart.py:{name}", "--policy", "cart.py:three", "--worlds", 30, "--device", "cpu",
+             "--out", f"{name}.npz")  # fmt: skip
+    said = " ".join(call("compare", "light.npz", "--other", "task.npz").output.split())
+    assert "three less three of the other report, the same worlds" in said
+    one, two = (slcp.load_report(f"{name}.npz").part("three") for name in ("light", "task"))
+    np.testing.assert_allclose(one["place"], 2.0 * two["place"], rtol=1e-5)
+    assert f"{(one['place'] - two['place']).mean():.3g} [" in said
+    assert "no policy 'four' in the other report" in fails(
+        "compare", "light.npz", "three", "four", "--other", "task.npz"
+    )
+    assert "--other is of reports" in fails("compare", "cart.py:task", "--policy", "cart.py:three",
+                                            "--sequential", "--other", "task.npz")  # fmt: skip
+
+
 def test_what_could_not_be_saved_is_said_before_the_search(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cart.py").write_text(

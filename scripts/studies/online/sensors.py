@@ -2,7 +2,7 @@
 contact, and what feedback is worth by them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,9 +24,6 @@ ENCODER = 0.005  # standard deviation of a measured angle of the finger [rad]
 PROCESS = 0.3  # of the finger's models [rad/s in a second]
 STEPS, SETTLED = 150, 10  # of a run of the finger; the first that counts
 TORQUE = 4.0  # amplitude of sines that move it [N m]
-CART = {"cart.shift": 0.003, "pole.angle": 0.005}  # encoders of the cart-pole [m, rad]
-SPEEDS = {"cart.vshift": 0.05, "pole.vangle": 0.15}  # sensors of its speeds, where there are any
-DELAYS = (0.0, 0.04, 0.08)  # s
 MODELS = {
     "hard": slcp.Options("hard", "none"),
     "smoothed, sigma .05": slcp.Options("rem-logistic"),
@@ -105,48 +102,72 @@ def accuracy(worlds: int, seed: int) -> list[dict[str, Any]]:
     return rows
 
 
-def arms(task: slcp.Task, policy: Any, process: float) -> dict[str, Any]:
+def arms(task: slcp.Task, policy: Any, sensors: dict[str, float], process: float) -> dict[str, Any]:
     """One policy: of all states with noise, of differences, of estimates of now and of when it acts."""
     model = task.simulator()
     return {
         "all states, noisy": policy,
-        "differences": Estimated(policy, Differences(model, CART), limits=task.control_limits),
-        "filter": Estimated.of_task(task, policy, CART, process, foresee=False),
-        "filter, delay not known": Estimated.of_task(task, policy, CART, process, delay=0.0),
-        "filter that foresees": Estimated.of_task(task, policy, CART, process),
+        "differences": Estimated(policy, Differences(model, sensors), limits=task.control_limits),
+        "filter": Estimated.of_task(task, policy, sensors, process, foresee=False),
+        "filter, delay not known": Estimated.of_task(task, policy, sensors, process, delay=0.0),
+        "filter that foresees": Estimated.of_task(task, policy, sensors, process),
     }
 
 
-def control(policy: Any, worlds: int, seed: int, process: float) -> list[dict[str, Any]]:
-    """How often the cart-pole stands between its walls, hard contact, by what is seen and how late it is."""
-    base, rows = slcp.tasks.cart_pole_walls(), []
-    for delay in DELAYS:
-        disturbed = replace(base.disturbances, sensor=CART | SPEEDS, delay=delay)
-        task = base.replace(disturbances=disturbed)
-        case = slcp.Options("hard", scaling=task.options.scaling)
-        report = slcp.sweep(task, arms(task, policy, process), worlds=worlds, seed=seed, cases=case)
-        for name in arms(task, policy, process):
-            share, low, high = share_interval(
-                int(report.part(name, arm="disturbed")["success"].sum()), worlds
-            )
+def control(
+    base: slcp.Task, sensors: dict[str, float], delays: list[float], worlds: int, seed: int, process: float
+) -> list[dict[str, Any]]:
+    """How often a task succeeds on hard contact, by what is seen and how late it acts."""
+    policy, rows = ddp.TrackingPolicy(ddp.plan(base).best, base.scene.state_period), []
+    own = base.disturbances.sensor
+    noise = dict(own) if isinstance(own, Mapping) else dict.fromkeys(base.scene.state_names, own)
+    for delay in delays:
+        task = base.replace(disturbances=replace(base.disturbances, sensor=noise | sensors, delay=delay))
+        case, all_of = (
+            slcp.Options("hard", scaling=task.options.scaling),
+            arms(task, policy, sensors, process),
+        )
+        report = slcp.sweep(task, all_of, worlds=worlds, seed=seed, cases=case)
+        for name in all_of:
+            successes = int(report.part(name, arm="disturbed")["success"].sum())
+            share, low, high = share_interval(successes, worlds)
             rows.append({"delay [s]": delay, "sees": name, "success": share, "low": low, "high": high})
         console.print(f"[dim]delay {delay:g} s: done[/dim]")
     return rows
 
 
+def _sensor(text: str) -> tuple[str, float]:
+    """State and standard deviation, of "name=number"."""
+    name, _, given = text.partition("=")
+    try:
+        return name, float(given)
+    except ValueError:
+        raise ValueError(f"--sensor is {text!r:.60}; name=number is needed") from None
+
+
 @one_line_errors
 def sensors_command(
+    task: Annotated[
+        str | None, typer.Argument(help="A task whose plan is followed; else the first table.")
+    ] = None,
+    sensor: Annotated[list[str] | None, typer.Option(help="state=standard deviation; of all places.")] = None,
+    delay: Annotated[
+        list[float] | None, typer.Option(help="Of controls [s] (repeatable); default: 0.")
+    ] = None,
     worlds: Annotated[int, typer.Option(min=1, help="Disturbed worlds of each row.")] = 1024,
-    process: Annotated[float, typer.Option(min=0.0, help="What the cart-pole's model does not know.")] = 0.1,
+    process: Annotated[float, typer.Option(min=0.0, help="What the task's model does not know.")] = 0.1,
     seed: Seed = 0,
     csv: Annotated[Path | None, typer.Option(help="Also write the second table here.")] = None,
 ) -> None:
     """Velocities that no sensor measures: how well they are estimated, and what feedback is worth by them."""
+    sensors = dict(map(_sensor, sensor or []))
+    if task is not None and not sensors:
+        raise ValueError("--sensor is missing; one for every place of the task's scene is needed")
     title = f"The finger's velocities from angles with noise of {ENCODER} rad; {wp.get_device('cpu')}"
     show_rows(title, accuracy(min(worlds, 256), seed))
-    task = slcp.tasks.cart_pole_walls()
-    policy = ddp.TrackingPolicy(ddp.plan(task).best, task.scene.state_period)
-    rows = control(policy, worlds, seed, process)
-    show_rows(f"cart_pole_walls, {worlds} disturbed worlds, hard contact: success by what is seen", rows)
+    if task is None:
+        return
+    rows = control(slcp.load_task(task), sensors, delay or [0.0], worlds, seed, process)
+    show_rows(f"{task}, {worlds} disturbed worlds, hard contact: success by what is seen", rows)
     if csv is not None:
         write_csv(csv, rows)
