@@ -35,6 +35,17 @@ def test_a_searched_push_is_the_tasks_first_but_for_what_is_given():
     assert (none.body, none.start, none.duration) == (SCENE.bodies[-1].name, 0.0, 0.1)
 
 
+def test_a_kick_of_what_no_start_disturbs_is_of_its_own_unit():
+    """m/s are no rad/s: of a velocity that neither kicks nor starts disturb, the widest start of its unit."""
+    drawn = {"block.vx": 0.02, "block.vy": 0.05}
+    found = searched(task(disturbances=slcp.Disturbances(start=drawn)), "kick", None, None, None, None).kicks
+    units = dict(zip(SCENE.state_names, SCENE.state_units))
+    assert set(found) == set(SCENE.state_names[SCENE.nv :])
+    for name, law in found.items():
+        assert law.sd == drawn.get(name, 0.05 if units[name] == "m/s" else 1.0)
+    assert {"m/s", "rad/s"} <= {units[name] for name in found}
+
+
 def test_of_many_parts_an_error_names_those_that_are_like_it():
     shapes = [slcp.Shape(f"disc{i}", f"disc{i}", "disc", 0.1) for i in range(12)]
     bodies = [slcp.Body(f"disc{i}", 1.0, 0.01, joint="free") for i in range(12)]

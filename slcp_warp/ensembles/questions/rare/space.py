@@ -101,13 +101,17 @@ def _has_use(name: str, given: Any, by: str, kinds: tuple[str, ...]) -> None:
 
 
 def _kicks(task: Task) -> dict[str, Any]:
-    """Of every velocity: as the task kicks it, or as its starts spread; where not, the widest, or 1."""
+    """Of every velocity: as the task kicks it, or as its starts spread; where not, the widest of its unit, or
+    1.
+    """
     own, scene = task.disturbances, task.scene
     names = scene.state_names[scene.nv :]
     if own.kick_times and (own.kick > 0.0 or own.kicks):
         return {name: own.kicks.get(name, Normal(own.kick)) for name in names}
     spread = own.deviation(scene)[scene.nv :]
-    spread = np.where(spread > 0.0, spread, spread.max() or 1.0)
+    units = np.array(scene.state_units[scene.nv :])
+    widest = {unit: spread[units == unit].max() or 1.0 for unit in units}
+    spread = np.where(spread > 0.0, spread, [widest[unit] for unit in units])
     return {name: Normal(float(sd)) for name, sd in zip(names, spread)}
 
 
