@@ -17,7 +17,7 @@ from ..simulator import Simulator
 from .arrays import put
 
 MOST_MEMORY = 1024
-MAKERS = ("dtype", "VX", "VU", "Data", "Memory")
+MAKERS = tuple("dtype VX VU Data Memory".split())
 ARGUMENTS = tuple("data world step x memory".split())
 
 
