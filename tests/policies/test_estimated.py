@@ -188,6 +188,23 @@ def test_steps_of_the_plant_are_of_any_size(step_size, delay):
     assert np.abs(run.states[:, -1]).max() < 0.1, "it stops where it is to"
 
 
+@pytest.mark.parametrize("step_size", [H / 5, 0.7 * H, 0.9 * H, H, 1.5 * H])
+@pytest.mark.parametrize("hold", [0.0, 2.1 * H])
+@pytest.mark.parametrize("delay", [0.0, 1.5 * H, 2.0 * H])
+def test_what_acts_is_known_whatever_the_steps(step_size, delay, hold):
+    """Without a word from the sensors velocities are right, which are sums of what has acted."""
+    deaf = task(
+        start=[0.5, 0.2],
+        disturbances=slcp.Disturbances(delay=delay, hold=hold, before=0.7 if delay else None),
+    )
+    policy = Estimated.of_task(deaf, LINEAR, {"cart.shift": 1e6}, 1e-9, keep=True)
+    run = runs(policy, deaf, 1, step_size=step_size)
+    assert len(policy.kept) > 10 and np.ptp(run.controls) > 0.5
+    for time, belief in policy.kept:
+        met = run.states[0, round(time / step_size)]
+        np.testing.assert_allclose(belief.mean[0, 1], met[1], rtol=0, atol=1e-6)
+
+
 def test_a_row_of_a_policy_for_each_world():
     gains = GAIN * np.linspace(0.5, 2.0, 12)[:, None, None]
     asked = {"worlds": 12, "seed": 1, "dtype": "float64", "device": "cpu"}
