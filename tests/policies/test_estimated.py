@@ -142,6 +142,16 @@ def test_a_plan_that_knows_its_delay_is_asked_about_the_steps_in_which_it_acts(a
         Estimated.of_task(met, policy, list(exact), 0.1, delay=2 * H)
 
 
+def test_a_word_of_a_users_policy_is_his_own():
+    class Early(policies.Linear):
+        early = 2
+
+    late = task(disturbances=slcp.Disturbances(sensor=NOISE, delay=3 * H))
+    np.testing.assert_array_equal(
+        runs(estimated(Early(GAIN), late), late).controls, runs(estimated(LINEAR, late), late).controls
+    )
+
+
 def test_who_looks_ahead_by_himself_sees_the_estimate_of_now():
     class Ahead(policies.Linear):
         lag = 2
@@ -349,12 +359,12 @@ def test_a_task_says_what_it_needs():
         (lambda: estimated(of=task(disturbances=slcp.Disturbances())), ArgumentError,
          "sensors names cart.shift, on which Disturbances.sensor has no noise"),
         (lambda: estimated(of=task(disturbances=slcp.Disturbances(sensor=0.1, delay=slcp.Uniform(0.0, 0.2)))),
-         ArgumentError, "delay is not given, and Disturbances.delay is drawn"),
+         ArgumentError, "delay is not given, and Disturbances.delay is Uniform.*, drawn"),
         (lambda: estimated(of=task(disturbances=slcp.Disturbances(sensor=0.1, hold=slcp.Uniform(0.0, 0.2)))),
-         ArgumentError, "period is not given, and Disturbances.hold is drawn"),
+         ArgumentError, "period is not given, and Disturbances.hold is Uniform.*, drawn"),
         (lambda: estimated(of=task(disturbances=slcp.Disturbances(sensor=0.1, parameters={"cart.mass": 0.1},
             follow={"cart.shift": "cart.mass"}))), ArgumentError,
-         "start is not given, and Disturbances.follow"),
+         "start is not given, and Disturbances.follow, .*cart.mass"),
         (lambda: Estimated(LINEAR, estimated().filter, limits=(np.zeros((3, 1)), 1.0)), ArgumentError,
          "limits are for 3 worlds"),
         (lambda: Estimated(LINEAR, estimated().filter, limits=(np.zeros(2), 1.0)), ArgumentError,

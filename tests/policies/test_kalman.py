@@ -236,5 +236,5 @@ def test_shapes_of_records_are_checked():
         filter.estimate(np.zeros((3, 1)), np.zeros((2, 1)))
     with pytest.raises(ArgumentError, match=r"controls has shape \(1, 3, 1\); \(1, 2, 1\) is needed"):
         filter.estimate(np.zeros((1, 3, 1)), np.zeros((3, 1)))
-    with pytest.raises(ArgumentError, match="has a row for each world"):
+    with pytest.raises(ArgumentError, match="params has rows of 1 worlds"):
         cart(params=filter.model.params.replace(mass=np.ones((1, 1))))

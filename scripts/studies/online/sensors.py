@@ -18,6 +18,7 @@ from slcp_warp.policies import Belief, Estimated, KalmanFilter
 
 from ...support.options import Seed
 from ...support.screen import console, one_line_errors, show_rows
+from ...support.simulators import parse_settings
 from ...support.tables import write_csv
 
 ENCODER = 0.005  # standard deviation of a measured angle of the finger [rad]
@@ -136,15 +137,6 @@ def control(
     return rows
 
 
-def _sensor(text: str) -> tuple[str, float]:
-    """State and standard deviation, of "name=number"."""
-    name, _, given = text.partition("=")
-    try:
-        return name, float(given)
-    except ValueError:
-        raise ValueError(f"--sensor is {text!r:.60}; name=number is needed") from None
-
-
 @one_line_errors
 def sensors_command(
     task: Annotated[
@@ -160,7 +152,7 @@ def sensors_command(
     csv: Annotated[Path | None, typer.Option(help="Also write the second table here.")] = None,
 ) -> None:
     """Velocities that no sensor measures: how well they are estimated, and what feedback is worth by them."""
-    sensors = dict(map(_sensor, sensor or []))
+    sensors = parse_settings(sensor, "--sensor")
     if task is not None and not sensors:
         raise ValueError("--sensor is missing; one for every place of the task's scene is needed")
     title = f"The finger's velocities from angles with noise of {ENCODER} rad; {wp.get_device('cpu')}"

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ...inputs.checks import attribute, flag, instance, number
+from ...inputs.checks import attribute, flag, instance, number, shown
 from ...inputs.errors import ArgumentError, ArgumentTypeError
 from ...inputs.limits import any_limits, limit_rows
 from ...inputs.times import nearest_steps
@@ -18,7 +18,7 @@ from .kalman import Belief, KalmanFilter
 from .sensing import first_state, sensors_of
 from .sent import Sent
 
-OF_RUN = ("belief", "kept", "_inner", "_sent", "_last", "_thread")
+OF_RUN = ("belief", "kept", "_inner", "_late", "_sent", "_last", "_thread")
 
 
 class Estimated:
@@ -119,16 +119,18 @@ class Estimated:
             raise ArgumentTypeError(f"task is a {type(task).__name__}; a slcp_warp.Task is needed")
         model = task.simulator() if model is None else instance("model", model, Simulator, "a Simulator")
         if start is None and disturbances.follow:
-            raise ArgumentError("start is not given, and Disturbances.follow moves it; deviations are needed")
+            raise ArgumentError(
+                f"start is not given, and Disturbances.follow, {shown(dict(disturbances.follow))}, moves it; "
+                "standard deviations are needed"
+            )
         mean, deviation = first_state(task)
         deviation = deviation if start is None else start
         found = KalmanFilter(model, sensors_of(task, sensors), process, deviation, mean)
         own: dict[str, Any] = {"limits": task.control_limits, "before": disturbances.before}
         for name, of in (("delay", disturbances.delay), ("period", disturbances.hold)):
             if name not in given and not isinstance(of, float):
-                what = "hold" if name == "period" else name
-                text = f"{name} is not given, and Disturbances.{what} is drawn; seconds are needed"
-                raise ArgumentError(text)
+                what = f"Disturbances.{'hold' if name == 'period' else name} is {shown(of)}"
+                raise ArgumentError(f"{name} is not given, and {what}, drawn; seconds are needed")
             own[name] = of if name == "delay" else of or None
         return cls(policy, found, **(own | given))
 

@@ -19,7 +19,7 @@ def foreseeing(policy: Any, delay: float) -> Any:
             "ahead by itself; foresee=False, or a policy without a lag, is needed"
         )
     early, h = attribute(policy, "early") or 0, attribute(policy, "step_size")
-    if not early:
+    if not early or not callable(attribute(policy, "foreseeing")):
         return policy
     steps = early if h is None else math.floor(delay / h + 0.5)
     if steps != early:

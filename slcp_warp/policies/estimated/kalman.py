@@ -32,17 +32,17 @@ class Belief(NamedTuple):
 
 
 class KalmanFilter:
-    """An extended Kalman filter: the mean goes by the model's step, the covariance by its exact A.
+    """An extended Kalman filter: the mean goes by the model's step, the covariance by its exact A, (M66).
 
     With a model of `Options(noise="state")` contact is as soft as the state is uncertain: (M18) with the
-    covariance of q + h v that is believed in place of a noise level that is chosen.
+    covariance of v + q/h that is believed, (M69), in place of a noise level that is chosen.
 
     Args:
         model: what is believed, a simulator with derivatives; `scene.step_size` is the size of its steps.
         sensors: state name -> standard deviation of its measurement, 1e-50 to 1e50 [its unit].
         process: what the model does not know: standard deviation by which a state strays in a second, as
             white noise does (by sqrt(t) in t seconds); by state name, or one number for all velocities, which
-            take positions along.
+            take positions along, (M67) [its unit per root of a second].
         start: standard deviation of the first state, by state name (others 0), (nx,), or one for all.
         x0: (nx,) mean of the first state; None: the scene's.
         params: numbers of the model, one row; None: the simulator's.
@@ -80,7 +80,9 @@ class KalmanFilter:
         self.x0 = scene.x0 if x0 is None else array("x0", x0, (nx,))
         self.params = model.params.matching(params, 1)
         if self.params.worlds is not None:
-            raise ArgumentError("params has a row for each world; one row, of the model, is needed")
+            raise ArgumentError(
+                f"params has rows of {self.params.worlds} worlds; one, of the model, is needed"
+            )
         self.step_size = float(np.ravel(self.params["step_size"])[0])
 
     def __repr__(self) -> str:
@@ -99,7 +101,7 @@ class KalmanFilter:
         )
 
     def predict(self, belief: Belief, u: Any, seconds: float | None = None) -> Belief:
-        """What is known after a time in which controls acted, in whole steps of about the model's size.
+        """What is known after a time in which controls acted, (M66), in steps of about the model's size.
 
         Where the model's step is not solved, or has no derivatives, bodies go on at their velocities.
 
@@ -127,7 +129,7 @@ class KalmanFilter:
         return belief
 
     def correct(self, belief: Belief, measured: Any) -> Belief:
-        """What is known when the sensors have been read; angles count modulo their period.
+        """What is known when the sensors have been read, (M68); angles count modulo their period.
 
         Args:
             measured: (B, sensors), in their order; NaN where one was not read.
@@ -148,7 +150,7 @@ class KalmanFilter:
         return Belief(mean + (gain @ off[:, :, None])[:, :, 0], _symmetric(covariance), failures)
 
     def _strayed(self, h: float) -> np.ndarray:
-        """Covariance (nx, nx) of what noise has done after a step: to velocities all the while."""
+        """Covariance (nx, nx) of what noise has done after a step of size h [s], (M67)."""
         nv = len(self._process) // 2
         of_q, of_v = np.diag(self._process[:nv]), np.diag(self._process[nv:])
         across = 0.5 * h**2 * of_v
@@ -166,7 +168,7 @@ class KalmanFilter:
         """
         seen = array("measured", measured, ("B", "N + 1", len(self.places)), finite=False)
         if not seen.shape[1]:
-            raise ArgumentError("measured has no steps; that of the start, at least, is needed")
+            raise ArgumentError(f"measured has shape {seen.shape}; that of the start, at least, is needed")
         us = array("controls", controls)
         us = np.broadcast_to(us, (len(seen), *us.shape)) if us.ndim == 2 else us
         if us.shape != (len(seen), seen.shape[1] - 1, self.model.nu):
@@ -180,7 +182,7 @@ class KalmanFilter:
 
 
 def _noise(covariance: np.ndarray, h: float) -> dict[str, np.ndarray]:
-    """Parameters with which J (Sigma_q/h^2 + Sigma_v) J' is the variance of J (v + q/h), (M18)."""
+    """Parameters with which J (Sigma_q/h^2 + Sigma_v) J' is the variance of J (v + q/h), (M69)."""
     nv = covariance.shape[1] // 2
     both = np.concatenate([np.eye(nv) / h, np.eye(nv)], axis=1)
     of_speed = _symmetric(both @ covariance @ both.T)
