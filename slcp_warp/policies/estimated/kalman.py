@@ -1,7 +1,7 @@
 """States from sensors: an extended Kalman filter whose model is a simulator, through contact."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -10,25 +10,11 @@ from ...description.scene import Scene
 from ...gradients import tape
 from ...inputs.checks import array, instance, number, shown, whole
 from ...inputs.errors import ArgumentError, ArgumentTypeError
-from ...options import Status
 from ...parameters import Parameters
 from ...simulator import Simulator
+from .extended import Belief, corrected, difference, foretold, spread
 
 LEAST, MOST = 1e-50, 1e50  # of standard deviations: their squares are numbers
-
-
-class Belief(NamedTuple):
-    """What is known of the states of some worlds.
-
-    Attributes:
-        mean: (B, nx).
-        covariance: (B, nx, nx).
-        failures: (B,) predictions so far in which the model's step had no solution, or no derivatives.
-    """
-
-    mean: np.ndarray
-    covariance: np.ndarray
-    failures: np.ndarray
 
 
 class KalmanFilter:
@@ -111,21 +97,11 @@ class KalmanFilter:
         """
         seconds = self.step_size if seconds is None else number("seconds", seconds, 0.0, above=True)
         steps = max(1, round(seconds / self.step_size))
-        h, nv = seconds / steps, self.model.nx // 2
+        h = seconds / steps
         params = self.params.replace(step_size=h) if abs(h / self.step_size - 1.0) > 1e-9 else self.params
-        free = np.eye(2 * nv)
-        free[:nv, nv:] = h * np.eye(nv)
+        strayed = spread(self._process, h)
         for _ in range(steps):
-            mean, covariance, failures = belief
-            if self._adapts:
-                params = params.replace(**_noise(covariance, h))
-            linear = self.model.linearize(mean, u, params)
-            after = self.model.step(mean, u, params)
-            solved = (linear.status == Status.SOLVED) & (after.status == Status.SOLVED)
-            A = np.where(solved[:, None, None], linear.A.astype(float), free)
-            mean = np.where(solved[:, None], after.state.astype(float), mean @ free.T)
-            covariance = _symmetric(A @ covariance @ A.swapaxes(1, 2)) + self._strayed(h)
-            belief = Belief(mean, covariance, failures + ~solved)
+            belief = foretold(self.model, belief, u, params, h, strayed)
         return belief
 
     def correct(self, belief: Belief, measured: Any) -> Belief:
@@ -134,27 +110,11 @@ class KalmanFilter:
         Args:
             measured: (B, sensors), in their order; NaN where one was not read.
         """
-        mean, covariance, failures = instance("belief", belief, Belief, "a policies.Belief")
+        mean = instance("belief", belief, Belief, "a policies.Belief").mean
         seen = array("measured", measured, (len(mean), len(self.places)), finite=False)
-        known = np.isfinite(seen)
-        off = np.where(known, seen - mean[:, self.places], 0.0)
         period = np.asarray(self.model.scene.state_period)[self.places]
-        turns = np.round(np.divide(off, period, out=np.zeros_like(off), where=period > 0.0))
-        off = off - turns * period
-        noise, to_sensors = np.diag(self._measured), covariance[:, self.places] * known[:, :, None]
-        both = to_sensors[:, :, self.places] * known[:, None, :] + noise
-        gain = np.linalg.solve(both, to_sensors).swapaxes(1, 2)
-        left = np.tile(np.eye(mean.shape[1]), (len(mean), 1, 1))
-        left[:, :, self.places] -= gain
-        covariance = left @ covariance @ left.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2)
-        return Belief(mean + (gain @ off[:, :, None])[:, :, 0], _symmetric(covariance), failures)
-
-    def _strayed(self, h: float) -> np.ndarray:
-        """Covariance (nx, nx) of what noise has done after a step of size h [s], (M67)."""
-        nv = len(self._process) // 2
-        of_q, of_v = np.diag(self._process[:nv]), np.diag(self._process[nv:])
-        across = 0.5 * h**2 * of_v
-        return np.block([[h * of_q + h**3 / 3.0 * of_v, across], [across, h * of_v]])
+        off = difference(seen, mean[:, self.places], period)
+        return corrected(belief, off, self.places, self._measured)[0]
 
     def estimate(self, measured: Any, controls: Any) -> Belief:
         """A recorded run, looked at afterwards: every estimate from what was measured until then.
@@ -179,18 +139,6 @@ class KalmanFilter:
             beliefs.append(self.correct(self.predict(beliefs[-1], us[:, k]), seen[:, k + 1]))
         mean, covariance = (np.stack(each, axis=1) for each in list(zip(*beliefs))[:2])
         return Belief(mean, covariance, beliefs[-1].failures)
-
-
-def _noise(covariance: np.ndarray, h: float) -> dict[str, np.ndarray]:
-    """Parameters with which J (Sigma_q/h^2 + Sigma_v) J' is the variance of J (v + q/h), (M69)."""
-    nv = covariance.shape[1] // 2
-    both = np.concatenate([np.eye(nv) / h, np.eye(nv)], axis=1)
-    of_speed = _symmetric(both @ covariance @ both.T)
-    return {"position_covariance": np.zeros_like(of_speed), "velocity_covariance": of_speed}
-
-
-def _symmetric(a: np.ndarray) -> np.ndarray:
-    return 0.5 * (a + a.swapaxes(1, 2))
 
 
 def _deviations(name: str, given: Any, scene: Scene, all_of: np.ndarray) -> np.ndarray:

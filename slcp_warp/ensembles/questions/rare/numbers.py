@@ -14,14 +14,9 @@ from ....tasks.disturbances import Disturbances, laws
 from ....tasks.disturbances.laws import Laws
 from ....tasks.task import Task
 from ...worlds import Worlds
+from ...worlds.normals import drawn_rows, normal_share
 
 LARGEST = 2**31 - 1  # number of a world
-erfc = np.vectorize(math.erfc, otypes=[float])
-
-
-def normal_share(z: np.ndarray) -> np.ndarray:
-    """The standard normal distribution function."""
-    return np.asarray(0.5 * erfc(-z / math.sqrt(2.0)))
 
 
 def noisy(disturbances: Disturbances) -> bool:
@@ -97,18 +92,7 @@ class Numbers:
         return Worlds(**rows, numbers=numbers)
 
     def _rows(self, name: str, z: np.ndarray, start: np.ndarray) -> np.ndarray:
-        table = self.tables[name]
-        base = np.atleast_2d(table.base)
-        out: np.ndarray = base[start if len(base) > 1 else np.zeros(len(z), int)].copy()
-        for c, place in zip(*self.places(name)):
-            law, first, mine = LAWS[table.law[c]], table.first[c], z[:, place]
-            if law == "uniform":
-                out[:, c] = first + (table.second[c] - first) * normal_share(mine)
-            elif law == "log-normal":
-                out[:, c] *= np.exp(first * mine)
-            else:
-                out[:, c] += first * mine
-        return out
+        return drawn_rows(self.tables[name], self.places(name)[1], z, start)
 
     def slopes(self, z: np.ndarray) -> dict[str, np.ndarray]:
         """Slopes (B, C) of a table's columns by the number that each is drawn from, of tables that vary."""
