@@ -21,6 +21,9 @@ from .description.scene_file import SceneFileError, load_scene, save_scene
 from .ensembles.episodes import Environment
 from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
+from .ensembles.questions.identification.fit import Fit
+from .ensembles.questions.identification.identified import Identified
+from .ensembles.questions.identification.identify import identify
 from .ensembles.questions.rare.failure import FailureShare, failure_share
 from .ensembles.questions.rare.falsification import Falsification
 from .ensembles.questions.rare.falsify import falsify
@@ -65,6 +68,8 @@ __all__ = [
     "Environment",
     "InputError",
     "FailureShare",
+    "Fit",
+    "Identified",
     "Falsification",
     "FileError",
     "Linearization",
@@ -115,6 +120,7 @@ __all__ = [
     "load_worlds",
     "save_worlds",
     "falsify",
+    "identify",
     "jvp",
     "limited_servo",
     "load_mjcf",

@@ -28,10 +28,10 @@ def foretold(
 ) -> Belief:
     """What is known after a step of size h [s], (M66).
 
-    Where the step is not solved, or has no derivatives, bodies go on at their velocities.
+    Where the step is not solved bodies go on at their velocities; where it has no derivatives errors do.
 
     Args:
-        strayed: (nx, nx) covariance of what the noise does meanwhile.
+        strayed: (nx, nx) or (B, nx, nx) covariance of what the noise does meanwhile.
     """
     mean, covariance, failures = belief
     nv = model.nx // 2
@@ -39,12 +39,15 @@ def foretold(
     free[:nv, nv:] = h * np.eye(nv)
     if model.options.method.state_noise:
         params = params.replace(**_noise(covariance, h))
-    linear = model.linearize(mean, u, params)
     after = model.step(mean, u, params)
-    solved = (linear.status == Status.SOLVED) & (after.status == Status.SOLVED)
-    A = np.where(solved[:, None, None], linear.A.astype(float), free)
+    known = solved = after.status == Status.SOLVED
+    if covariance.any():
+        linear = model.linearize(mean, u, params)
+        known = solved & (linear.status == Status.SOLVED)
+        A = np.where(known[:, None, None], linear.A.astype(float), free)
+        covariance = _symmetric(A @ covariance @ A.swapaxes(1, 2))
     mean = np.where(solved[:, None], after.state.astype(float), mean @ free.T)
-    return Belief(mean, _symmetric(A @ covariance @ A.swapaxes(1, 2)) + strayed, failures + ~solved)
+    return Belief(mean, covariance + strayed, failures + ~known)
 
 
 def difference(measured: np.ndarray, expected: np.ndarray, period: np.ndarray) -> np.ndarray:
@@ -62,7 +65,7 @@ def corrected(
     Args:
         off: (B, sensors) by what they were off; NaN where one was not read.
         places: (sensors,) of their states.
-        variance: (sensors,) of their noise.
+        variance: (sensors,) or (B, sensors) of their noise.
 
     Returns:
         The belief, and (B, sensors, sensors): of a sensor that was not read its noise alone.
@@ -70,7 +73,8 @@ def corrected(
     mean, covariance, failures = belief
     known = np.isfinite(off)
     off = np.where(known, off, 0.0)
-    noise, to_sensors = np.diag(variance), covariance[:, places] * known[:, :, None]
+    noise = variance[..., None] * np.eye(len(places))
+    to_sensors = covariance[:, places] * known[:, :, None]
     both = to_sensors[:, :, places] * known[:, None, :] + noise
     gain = np.linalg.solve(both, to_sensors).swapaxes(1, 2)
     left = np.tile(np.eye(mean.shape[1]), (len(mean), 1, 1))

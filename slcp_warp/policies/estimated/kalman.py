@@ -13,8 +13,7 @@ from ...inputs.errors import ArgumentError, ArgumentTypeError
 from ...parameters import Parameters
 from ...simulator import Simulator
 from .extended import Belief, corrected, difference, foretold, spread
-
-LEAST, MOST = 1e-50, 1e50  # of standard deviations: their squares are numbers
+from .sensing import LEAST, MOST, by_sensor
 
 
 class KalmanFilter:
@@ -32,6 +31,14 @@ class KalmanFilter:
         start: standard deviation of the first state, by state name (others 0), (nx,), or one for all.
         x0: (nx,) mean of the first state; None: the scene's.
         params: numbers of the model, one row; None: the simulator's.
+        bias: what a sensor shows beside its state, by the name of the state; None: nothing [its unit].
+
+    Attributes:
+        sensors, places: (sensors,) names and places of the measured states.
+        variance, bias: (sensors,) of the sensors.
+        process: (nx,) variances of states after a second.
+        x0, first: (nx,), (nx, nx) mean and covariance of the first state.
+        step_size: of the model [s].
 
     Raises:
         ArgumentError, ArgumentTypeError: names that the scene has not got, numbers out of range.
@@ -46,6 +53,7 @@ class KalmanFilter:
         start: Any = 0.0,
         x0: Any = None,
         params: Parameters | None = None,
+        bias: Mapping[str, float] | None = None,
     ) -> None:
         self.model = instance("model", model, Simulator, "a slcp_warp.Simulator")
         tape.derivatives_exist(model.options.method)
@@ -57,11 +65,12 @@ class KalmanFilter:
         if len(set(self.sensors)) < len(self.sensors):
             raise ArgumentError(f"sensors names a state twice: {', '.join(self.sensors)}")
         sds = [number(f"sensors[{name!r}]", sd, LEAST, MOST) for name, sd in sensors.items()]
-        self._measured = np.square(sds)
+        self.variance = np.square(sds)
+        self.bias = by_sensor("bias", bias, self.sensors)
         velocities = np.arange(nx) >= scene.nv
-        self._process = np.square(_deviations("process", process, scene, velocities))
-        self._first = np.diag(np.square(_deviations("start", start, scene, np.full(nx, True))))
-        if not (self._process.any() or self._first.any()):
+        self.process = np.square(_deviations("process", process, scene, velocities))
+        self.first = np.diag(np.square(_deviations("start", start, scene, np.full(nx, True))))
+        if not (self.process.any() or self.first.any()):
             raise ArgumentError("process and start are both 0: what is sure learns nothing; one is needed")
         self.x0 = scene.x0 if x0 is None else array("x0", x0, (nx,))
         self.params = model.params.matching(params, 1)
@@ -83,13 +92,14 @@ class KalmanFilter:
         """What is known of so many worlds before anything is measured."""
         whole("worlds", worlds, 0)
         return Belief(
-            np.tile(self.x0, (worlds, 1)), np.tile(self._first, (worlds, 1, 1)), np.zeros(worlds, int)
+            np.tile(self.x0, (worlds, 1)), np.tile(self.first, (worlds, 1, 1)), np.zeros(worlds, int)
         )
 
     def predict(self, belief: Belief, u: Any, seconds: float | None = None) -> Belief:
         """What is known after a time in which controls acted, (M66), in steps of about the model's size.
 
-        Where the model's step is not solved, or has no derivatives, bodies go on at their velocities.
+        Where the model's step is not solved bodies go on at their velocities, and where it has no
+        derivatives, as of what is pushed flush under Coulomb's friction, errors of the mean do.
 
         Args:
             u: (B, nu) or (nu,) controls.
@@ -99,7 +109,7 @@ class KalmanFilter:
         steps = max(1, round(seconds / self.step_size))
         h = seconds / steps
         params = self.params.replace(step_size=h) if abs(h / self.step_size - 1.0) > 1e-9 else self.params
-        strayed = spread(self._process, h)
+        strayed = spread(self.process, h)
         for _ in range(steps):
             belief = foretold(self.model, belief, u, params, h, strayed)
         return belief
@@ -113,8 +123,8 @@ class KalmanFilter:
         mean = instance("belief", belief, Belief, "a policies.Belief").mean
         seen = array("measured", measured, (len(mean), len(self.places)), finite=False)
         period = np.asarray(self.model.scene.state_period)[self.places]
-        off = difference(seen, mean[:, self.places], period)
-        return corrected(belief, off, self.places, self._measured)[0]
+        off = difference(seen - self.bias, mean[:, self.places], period)
+        return corrected(belief, off, self.places, self.variance)[0]
 
     def estimate(self, measured: Any, controls: Any) -> Belief:
         """A recorded run, looked at afterwards: every estimate from what was measured until then.

@@ -1,12 +1,15 @@
 """What a task says of its sensors and of where its runs begin."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ...inputs.checks import shown
+from ...description.names import index_of
+from ...inputs.checks import instance, number, shown
 from ...inputs.errors import ArgumentError, ArgumentTypeError
+
+LEAST, MOST = 1e-50, 1e50  # of standard deviations: their squares are numbers
 
 
 def sensors_of(task: Any, given: Any) -> Mapping[str, float]:
@@ -30,6 +33,19 @@ def sensors_of(task: Any, given: Any) -> Mapping[str, float]:
             "sensors as a dict of standard deviations (of what is rounded to r, r / sqrt(12))"
         )
     return found
+
+
+def by_sensor(label: str, given: Any, names: Sequence[str]) -> np.ndarray:
+    """(sensors,) numbers that are given by the names of sensors; of the others, and of None, 0.
+
+    Raises:
+        ArgumentError, ArgumentTypeError: no dict, a name of no sensor, what is no number.
+    """
+    out = np.zeros(len(names))
+    for name in {} if given is None else instance(label, given, Mapping, "a dict of numbers by name"):
+        place = index_of(f"a name of {label}", name, names)
+        out[place] = number(f"{label}[{name!r}]", given[name], -MOST, MOST)
+    return out
 
 
 def first_state(task: Any) -> tuple[np.ndarray, np.ndarray]:

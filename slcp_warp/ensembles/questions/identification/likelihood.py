@@ -1,0 +1,131 @@
+"""How well numbers explain recorded runs: what an extended Kalman filter of them is surprised by."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....inputs.checks import memory
+from ....policies.estimated.extended import Belief, corrected, difference, foretold, spread
+from .logs import Logs
+from .unknowns import Unknowns
+
+LARGEST = 2**28  # bytes of what is kept of the worlds that run at once
+
+
+class Surprise(NamedTuple):
+    """What sensors were off by from what a filter foretold, of C candidates.
+
+    Attributes:
+        off: (C, R, N + 1, sensors), NaN where one was not read.
+        covariance: (C, R, N + 1, sensors, sensors) that was foretold of it; 1 for one that was not read.
+        failures: (C, R) steps of the model without a solution, or without derivatives.
+    """
+
+    off: np.ndarray
+    covariance: np.ndarray
+    failures: np.ndarray
+
+
+class Likelihood:
+    """The negative logarithm of what is known after the logs, less a constant, (M70).
+
+    It is a function of places: the K numbers that are looked for, behind them the first state of each log as
+    far as nobody knows it (R, starts), all in standard deviations of what is known before.
+
+    Attributes:
+        count: K; 0 where the numbers are given.
+        starts: (starts,) which states nobody knows at the start.
+        softening: (nx,) variances of states after a second, beside those of the filter's process.
+    """
+
+    def __init__(self, unknowns: Unknowns, logs: Logs, given: np.ndarray | None = None) -> None:
+        """Args:
+        given: (K,) the numbers, where first states alone are looked for.
+        """
+        self.unknowns, self.logs, filter = unknowns, logs, unknowns.filter
+        self.given, self.count = given, len(unknowns) if given is None else 0
+        first = np.diag(filter.first)
+        self.starts = np.flatnonzero(first)
+        self._deviation = np.sqrt(first[self.starts])
+        self.softening = np.zeros(filter.model.nx)
+        runs, times, sensors = logs.measured.shape
+        each = 8 * times * sensors * (sensors + 1)
+        memory("measured: the logs of one candidate", runs, each, filter.model.device)
+        self._at_once = max(1, LARGEST // (runs * each))
+        self._period = np.asarray(filter.model.scene.state_period)[filter.places]
+
+    @property
+    def runs(self) -> int:
+        """R."""
+        return len(self.logs.x0)
+
+    def places(self, z: np.ndarray) -> np.ndarray:
+        """Places (C, size) of numbers z (C, count), with first states as the first measurements tell them."""
+        filter, (seen, _, x0) = self.unknowns.filter, self.logs
+        belief = Belief(x0, np.tile(filter.first, (self.runs, 1, 1)), np.zeros(self.runs, int))
+        off = difference(seen[:, 0] - filter.bias, x0[:, filter.places], self._period)
+        mean = corrected(belief, off, filter.places, filter.variance)[0].mean
+        starts = (mean - x0)[:, self.starts] / self._deviation
+        return np.concatenate([z, np.tile(starts.ravel(), (len(z), 1))], axis=1)
+
+    def first_states(self, places: np.ndarray) -> np.ndarray:
+        """(C, R, nx) of places."""
+        out = np.tile(self.logs.x0, (len(places), 1, 1))
+        moved = places[:, self.count :].reshape(len(places), self.runs, len(self.starts))
+        out[:, :, self.starts] += moved * self._deviation
+        return out
+
+    def surprise(self, places: np.ndarray) -> Surprise:
+        """Of candidates (C, size), all logs and candidates side by side."""
+        parts = [self._surprise(each) for each in self._parts(places)]
+        return Surprise(*(np.concatenate(each) for each in zip(*parts)))
+
+    def cost(self, places: np.ndarray) -> np.ndarray:
+        """(C,) of candidates (C, size); infinite where there is none."""
+        numbers = 0.5 * (places[:, : self.count] ** 2).sum(axis=1)
+        return np.asarray(numbers + self.costs(places).sum(axis=1))
+
+    def costs(self, places: np.ndarray) -> np.ndarray:
+        """(C, R) what each log has in that of candidates (C, size)."""
+        data = np.concatenate([costs(self._surprise(each)) for each in self._parts(places)])
+        starts = places[:, self.count :].reshape(len(places), self.runs, len(self.starts))
+        total = data + 0.5 * (starts**2).sum(axis=2)
+        return np.where(np.isfinite(total), total, np.inf)
+
+    def _parts(self, places: np.ndarray) -> list[np.ndarray]:
+        return [places[i : i + self._at_once] for i in range(0, len(places), self._at_once)]
+
+    def _surprise(self, places: np.ndarray) -> Surprise:
+        filter, (seen, us, _) = self.unknowns.filter, self.logs
+        count, runs, nx, h = len(places), self.runs, filter.model.nx, filter.step_size
+        z = places[:, : self.count] if self.given is None else np.tile(self.given, (count, 1))
+        params = self.unknowns.parameters(z, runs)
+        bias, variance, process = (np.repeat(each, runs, axis=0) for each in self.unknowns.around(z))
+        strayed = process[:, None, None] ** 2 * spread(filter.process, h) + spread(self.softening, h)
+        mean = self.first_states(places).reshape(count * runs, nx)
+        belief = Belief(mean, np.zeros((count * runs, nx, nx)), np.zeros(count * runs, int))
+        off, both = [], []
+        for k in range(seen.shape[1]):
+            if k:
+                u = np.tile(us[:, k - 1], (count, 1))
+                belief = foretold(filter.model, belief, u, params, h, strayed)
+            shown = np.tile(seen[:, k], (count, 1)) - bias
+            off.append(difference(shown, belief.mean[:, filter.places], self._period))
+            belief, covariance = corrected(belief, off[-1], filter.places, variance)
+            known = np.isfinite(off[-1])
+            both.append(np.where(known[:, :, None] & known[:, None, :], covariance, np.eye(len(bias[0]))))
+        shape = count, runs, seen.shape[1]
+        return Surprise(
+            np.stack(off, axis=1).reshape(*shape, -1),
+            np.stack(both, axis=1).reshape(*shape, *both[0].shape[1:]),
+            belief.failures.reshape(count, runs),
+        )
+
+
+def costs(found: Surprise) -> np.ndarray:
+    """(C, R) what sensors have in (M70), of candidates that are surprised by so much."""
+    off = np.where(np.isfinite(found.off), found.off, 0.0)[..., None]
+    with np.errstate(all="ignore"):
+        distance = (off * np.linalg.solve(found.covariance, off)).sum(axis=(-2, -1))
+        size = np.linalg.slogdet(found.covariance)[1]
+        return np.asarray(0.5 * (distance + size).sum(axis=2))
