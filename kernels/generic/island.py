@@ -9,13 +9,14 @@ from .contact import ROUNDING, make_contact
 from .friction.coulomb import COULOMB_PASSES, RETREATS, make_coulomb
 from .friction.direct import LAST, MANY, MOVES, NEARER, ONCE, RELAXED, SOME, STILL, make_direct
 from .friction.jam import make_jam
+from .friction.modes import ROUNDS
 from .friction.normal import make_normal
 from .friction.passes import make_passes
 from .judge.beside import make_beside
 from .motion.mechanism import COLUMN, make_mechanism
 from .search import ALL_ATTEMPTS, QUICK_ATTEMPTS, make_solver
 from .topology import Topology
-from .work import WORK, Island, Slot
+from .work import ROUNDED, WORK, Island, Slot
 
 NOWHERE = -1e300
 RELAXING = 20  # passes of the fixed point before paths start again, of islands of many blocks
@@ -147,8 +148,10 @@ def make_island(given: type, residual: str) -> wp.Function:
 
     @wp.func
     def directly(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int, closes: dtype):
-        """Coulomb's friction without a fixed point: SOLVED, NONFINITE or NOT_CONVERGED."""
-        status = int(wp.static(NOT_CONVERGED))
+        """Coulomb's friction without a fixed point: SOLVED, NONFINITE or NOT_CONVERGED, and 1 if more rows are
+        to join before anything else is tried.
+        """
+        status, rounds = int(wp.static(NOT_CONVERGED)), int(0)
         start = int(known)
         more = int(1)
         while more == 1:
@@ -160,10 +163,16 @@ def make_island(given: type, residual: str) -> wp.Function:
             elif start == wp.static(LAST):
                 recall(k, o)
             status = direct.stick_and_slide(t, k, o, start)
+            if status == wp.static(ROUNDS):
+                status, rounds = wp.static(NOT_CONVERGED), 1
             failed = status == wp.static(NOT_CONVERGED)
             more = wp.where(failed and direct.is_another_next(o, start), 1, 0)
             start = direct.after(start)
-        return status
+        ends = int(0)
+        if rounds == 1 and status == wp.static(NOT_CONVERGED) and k.count[wp.static(ROUNDED)] == 0:
+            k.count[wp.static(ROUNDED)] = 1
+            ends = 1
+        return status, ends
 
     @wp.func
     def under_friction(
@@ -247,13 +256,13 @@ def make_island(given: type, residual: str) -> wp.Function:
                         more = wp.max(more, friction.lift(t, k, o, passes))
                         passes = wp.abs(passes) + 1
                 if more == 1:
-                    status = int(wp.static(NOT_CONVERGED))
+                    status, ends = int(wp.static(NOT_CONVERGED)), int(0)
                     if wp.static(residual == "hard"):
                         if fresh == 1:
-                            status = directly(t, k, o, state, closes)
+                            status, ends = directly(t, k, o, state, closes)
                             hopeless = wp.where(status == wp.static(NOT_CONVERGED), n, hopeless)
                     if status == wp.static(NOT_CONVERGED):
-                        if quick == 1 and fresh == 1:
+                        if (quick == 1 and fresh == 1) or ends == 1:
                             return status
                         if solves == 0 and t.coulomb == 0:
                             resume(k, o)

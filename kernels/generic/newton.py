@@ -183,6 +183,18 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             return HUGE
         return wp.max(worst[0], wp.max(worst[1], worst[2]))
 
+    @wp.func(inline=False)
+    def rounded(k: wp.ref[Slot], o: Island):
+        """Of `imbalance`, after it: what the rounding of impulses, as they are given back, counts as."""
+        worst = dtype(0.0)
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            for j in range(3):
+                told = TOLD * k.move[i][j]
+                if told > GOOD * k.most[i][j]:
+                    worst = wp.max(worst, told / k.most[i][j])
+        return worst
+
     @wp.func
     def unbalanced(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """k.balance = M (v' - v_free) - J' lambda, and the largest residual of a place."""
@@ -355,6 +367,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         rounding=rounding,
         residuals=residuals,
         unbalanced=unbalanced,
+        rounded=rounded,
         assemble=matrix.assemble,
         weigh_rows=weigh_rows,
         factor=factor,

@@ -15,7 +15,7 @@ from .active_set import make_active_set
 from .interior import MAX_ITERATIONS, make_interior
 from .judge.digits import make_digits
 from .judge.earned import make_earned
-from .judge.least import make_least
+from .judge.least import HELD, KEPT, make_least
 from .judge.scales import make_scales
 from .linear.held import make_held
 from .linear.pivots import SOFTENED, make_pivots
@@ -303,7 +303,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                     if worst <= GOOD:
                         good = earned.adds_up(t, k, o)
             if good == 0 and s.attempt >= wp.static(YIELDING):
-                good = least.is_earned(t, k, o, wp.where(s.attempt == wp.static(EXACT), 1, 0), t.coulomb)
+                good = least.is_earned(t, k, o, wp.where(s.attempt == EXACT, HELD, KEPT), t.coulomb)
             elif good == 0:
                 next = wp.static(YIELDING)
             if good == 1:

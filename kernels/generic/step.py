@@ -25,7 +25,7 @@ from .newton import make_newton
 from .order import make_order
 from .rows.recorded import make_recorded
 from .topology import Topology
-from .work import BESIDE, ISLANDS, LED, LOOKS, ROWS, V2, WORK, Slot, Work, island, view
+from .work import BESIDE, ISLANDS, LED, LOOKS, ROUNDED, ROWS, V2, WORK, Slot, Work, island, view
 
 
 def residual_of(method: Method, rows: int) -> str:
@@ -109,7 +109,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         """Solve the islands of the near pairs until no pair joins them. What did not converge under Coulomb's
         friction is solved again, from where that ended and with more patience. Rows that press may free what
         is jammed without them, with what bodies of other islands bring: before it is given up, all pairs
-        join. Rows that no velocity opens stay INFEASIBLE whatever joins them.
+        join, and at once where no more than the rounding of impulses is too much, which more rows may allow.
+        Rows that no velocity opens stay INFEASIBLE whatever joins them.
         """
         contact.move_shapes(t, k)
         if t.bounces == 1:
@@ -137,6 +138,9 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                 which = wp.where(which == wp.static(ALL), which, wp.static(JOINING))
             elif t.coulomb == 0 or status == wp.static(NONFINITE) or status == wp.static(INFEASIBLE):
                 more = int(0)
+            elif k.count[wp.static(ROUNDED)] == 1:
+                k.count[wp.static(ROUNDED)] = 2
+                which = int(wp.static(ALL))
             elif which == wp.static(ALL) or (patient == 0 and status == wp.static(NOT_CONVERGED)):
                 more = int(0)
             else:
@@ -171,8 +175,10 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         Coulomb's friction asks for, is dearer than that, and comes last.
         """
         led = k.count[wp.static(LED)]
+        k.count[wp.static(ROUNDED)] = wp.where(t.overlaps == 1, 2, 0)
         beside.forget(t, k)
         status = contacts(t, k, 0)
+        k.count[wp.static(ROUNDED)] = 2
         if status == wp.static(NOT_CONVERGED) and led == 1:
             beside.forget(t, k)
             status = afresh(t, k, 0)

@@ -22,9 +22,9 @@ WIDTH = 8  # rows that a CPU takes at once: what is by row begins and ends at mu
 LANES = 16  # right-hand sides that are solved at once: two registers of a CPU halve what a loop costs
 Lanes = wp.types.vector(LANES, WORK)
 (
-    NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS, LOOKS, LED, BESIDE, ASIDE, SETTLED
-) = range(12)  # fmt: skip
-# in `count`; orders: 0, 1
+    NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS, LOOKS, LED, BESIDE, ASIDE, ROUNDED, SETTLED
+) = range(13)  # fmt: skip
+# in `count`; orders: 0, 1; rounded: 1 where paths ended for what impulses round by, 2 where they may not
 
 
 @wp.struct

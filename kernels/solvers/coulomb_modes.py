@@ -203,7 +203,9 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
 
     @wp.func
     def modes(dense: Dense, z: VR, edge: dtype):
-        """The mode of every row; a tie presses not, and sticks. Contacts slide from mu `edge` on."""
+        """The mode of every row; a tie presses not, and sticks. Contacts slide from mu `edge` on; friction
+        that is none holds nothing.
+        """
         out = MODES()
         a = dense.a
         mu = dense.mu
@@ -214,7 +216,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
                     out[i] = wp.static(PRESS)
             elif out[i - 1] == wp.static(PRESS):
                 bound = edge * a[i, i] * mu[i] * z[i - 1] / a[i - 1, i - 1]
-                out[i] = wp.static(STICK)
+                out[i] = wp.where(mu[i] > ZERO, wp.static(STICK), wp.static(OFF))
                 if z[i] > bound:
                     out[i] = wp.static(RIGHT)
                 if z[i] < -bound:

@@ -266,3 +266,37 @@ def test_a_foot_that_stands_on_both_ends_has_derivatives_in_all_kernels():
         assert np.abs(other).max() > 1e-3
         np.testing.assert_allclose(one[:1], other[:1], rtol=0.0, atol=1e-8 * np.abs(other[:1]).max())
         np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-6 * np.abs(other).max())
+
+
+SLED = Scene(  # a pusher with a smooth tip behind a box that can rise: the tip's vertical rubs on nothing
+    "sled",
+    (
+        Body("pusher", 1.0, 0.001, joint="prismatic"),
+        Body("lift", 0.01, 0.001, joint="prismatic", axis=(0.0, 1.0)),
+        Body("box", 1.4, 0.01, parent="lift", joint="prismatic"),
+    ),
+    (
+        Shape("tip", "pusher", "disc", 0.02),
+        Shape("box", "box", "rectangle", (0.1, 0.1)),
+        Shape("ground", None, "halfplane", offset=(0.0, -0.1), angle=math.pi / 2),
+    ),
+    (Contact("tip", "box", friction=0.0), Contact("box", "ground", friction=0.3)),
+    actuators=(slcp.Actuator("pusher"),),
+    step_size=0.005,
+)
+
+
+@pytest.mark.parametrize("rise", [-2e-5, -1e-17])
+def test_friction_that_is_none_holds_nothing(rise):
+    """A tip without friction, whose tangent is the ground's normal, does not hold the box at its height."""
+    options = slcp.Options("hard", friction="coulomb")
+    sim = slcp.Simulator(SLED, options, device="cpu", dtype="float64", strategy="specialised")
+    x, u = np.array([-0.115, rise, 0.005 - 1e-5, 0.35, rise, 0.35]), np.array([11.5])
+    linear = sim.linearize(x, u)
+    assert linear.status == 0
+    moved = 1e-8 * np.eye(6)
+    ahead, behind = (sim.step(x + sign * moved, np.tile(u, (6, 1))) for sign in (1.0, -1.0))
+    assert not ahead.status.any() and not behind.status.any()
+    columns = (ahead.state - behind.state).T / 2e-8
+    smooth = [0, 2, 3, 5] if rise > -1e-9 else range(6)  # at the ground's edge the height has two slopes
+    np.testing.assert_allclose(linear.A[:, smooth], columns[:, smooth], atol=2e-5 * np.abs(columns).max())

@@ -186,6 +186,17 @@ def test_worlds_are_drawn_from_what_is_known_together():
     np.testing.assert_allclose(np.log(table["cart.mass"]).std(), 0.5 * found.learned["cart.mass"], rtol=0.05)
 
 
+def test_what_logs_tell_together_is_drawn_together():
+    """A force through an unknown gear on an unknown mass: their quotient is seen, neither of them."""
+    seen, us = carts(np.random.default_rng(6), 2.0)
+    found = slcp.identify(cart(), seen, us, {"cart.mass": 0.4, "gear": 0.4})
+    assert found.correlation[0, 1] > 0.99
+    assert any("told together only" in line for line in str(found).splitlines())
+    drawn = found.draw(500)
+    quotient = np.ravel(drawn["gear"]) / np.ravel(drawn["cart.mass"])
+    assert np.std(np.log(drawn["cart.mass"])) > 0.2 and np.std(np.log(quotient)) < 0.05
+
+
 def test_what_does_not_fit_together_is_told():
     filter, (seen, us) = cart(), carts(np.random.default_rng(0), 2.0)
     law = {"cart.mass": 0.5}

@@ -95,6 +95,22 @@ def test_errors_are_as_large_as_it_says():
     assert low < distance.mean() < high
 
 
+def test_what_is_pushed_flush_goes_on_by_the_step():
+    """How a flush push divides is not unique under Coulomb's friction: steps are solved, without
+    derivatives.
+    """
+    scene = slcp.scenes.push_block()
+    sim = slcp.Simulator(scene, slcp.Options("hard", friction="coulomb"), device="cpu", dtype="float64")
+    x = scene.state({"pusher.shift": 0.2, "pusher.vshift": 0.3, "block.vx": 0.3, "block.y": 0.1})
+    mean, u = np.tile(x, (2, 1)), np.array([[9.0], [0.0]])
+    linear, after = sim.linearize(mean, u), sim.step(mean, u)
+    assert linear.status[0] != 0 and not after.status.any()
+    filter = KalmanFilter(sim, {"block.x": 0.01}, 0.1, start=0.01)
+    found = filter.predict(filter.begin(2)._replace(mean=mean), u)
+    np.testing.assert_array_equal(found.mean, after.state)
+    assert found.failures[0] == 1 and np.isfinite(found.covariance).all()
+
+
 @pytest.mark.parametrize("height", [-0.01, 0.0, 0.004, 0.02])
 def test_contact_is_as_soft_as_the_state_is_uncertain(height):
     """The mean through a frictionless contact is the mean of hard contact over what is believed of w."""

@@ -11,7 +11,9 @@ bodies may stay at rest passes would find another of several solutions too often
 not the same. Paths from nothing take several pivots a row, which cost the more the more there is, and seldom
 end in large heaps: one of many blocks follows a path from the passes' end, too, and starts from whole ones
 (`coulomb.py`) after the last step's; one of still more is spared paths from nothing at the first look. The
-fixed point stays behind all of them: what has no solution at all is told by it.
+fixed point stays behind all of them: what has no solution at all is told by it. In single precision impulses
+that are passed on may round by more than the data allow: what is solved but for that is accepted if they are
+the least, and not looked for again before more rows have joined.
 """
 
 from types import SimpleNamespace
@@ -21,12 +23,12 @@ import warp as wp
 from ...factories import cached
 from ...status import NONFINITE, NOT_CONVERGED, SOLVED
 from ..judge.earned import make_earned
-from ..judge.least import make_least
+from ..judge.least import KEPT, OWN, make_least
 from ..judge.scales import make_scales
 from ..topology import Topology
-from ..work import LOOKS, NEAR, WORK, Island, Slot
+from ..work import LOOKS, NEAR, ROUNDED, WORK, Island, Slot
 from .homotopy import TRIALS, make_homotopy
-from .modes import make_modes
+from .modes import ROUNDS, make_modes
 
 MOVES, STILL, RELAXED = 0, 1, 2  # what is known of an island: a last step; lies still; a convex solution
 ONCE, NEARER, LAST = 3, 4, 5  # before: a last step without a path; passes from there; that step with a path
@@ -103,14 +105,16 @@ def make_direct(given: type) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def stick_and_slide(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int):
-        """SOLVED, NONFINITE or NOT_CONVERGED; without paths from nothing if RELAXED comes next."""
+        """SOLVED, NONFINITE or NOT_CONVERGED, or ROUNDS if what an attempt found was refused for that alone;
+        without paths from nothing if RELAXED comes next.
+        """
         modes.drop_lifts(k, o)
         size, _n = scales(t, k, o)
         if not wp.isfinite(size):
             return wp.static(NONFINITE)
         size = wp.max(size, TINY)
         begin(k, o, known)
-        status = int(wp.static(NOT_CONVERGED))
+        status, failed = int(wp.static(NOT_CONVERGED)), int(wp.static(NOT_CONVERGED))
         attempts = attempts_at(t, k, o, known)
         wary = wp.where(attempts == wp.static(HERE), 1, 0)  # what is tried before a path
         attempt = int(wp.static(AGAIN))
@@ -118,7 +122,8 @@ def make_direct(given: type) -> SimpleNamespace:
             attempt = int(wp.static(HERE))  # ONCE has made the other
         while attempt < attempts and status == wp.static(NOT_CONVERGED):
             iterations = begin_attempt(t, k, o, size, known, attempt)
-            if modes.newton(t, k, o, iterations, wary) == 1:
+            found = modes.newton(t, k, o, iterations, wary)
+            if found == 1:
                 earned.give_back(t, k, o)
                 good = earned.plainly_adds_up(t, k, o)
                 if good == 0:
@@ -127,10 +132,18 @@ def make_direct(given: type) -> SimpleNamespace:
                     modes.leave_alone(t, k, o)
                     good = earned.adds_up(t, k, o)
                 if good == 0 and attempt >= wp.static(NOTHING):
-                    good = least.is_earned(t, k, o, 0, 0)
+                    good = least.is_earned(t, k, o, KEPT, 0)
+                elif wp.static(given is wp.float32):
+                    if good == 0:
+                        good = least.is_earned(t, k, o, OWN, 0)
                 status = wp.where(good == 1, wp.static(SOLVED), status)
+            elif found == wp.static(ROUNDS):
+                failed = found + 0
             attempt += 1
-        return status
+            if failed == wp.static(ROUNDS) and attempt == wp.static(NOTHING):
+                if k.count[wp.static(ROUNDED)] == 0:
+                    attempt = attempts + 0
+        return wp.where(status == wp.static(NOT_CONVERGED), failed, status)
 
     return SimpleNamespace(
         stick_and_slide=stick_and_slide,

@@ -29,6 +29,7 @@ PROXIMAL = 1e-9  # tau
 STAYS = 1e-12  # residual of the last impulses that stay as they are: rounding of gaps makes as much
 SLIP = 0.2  # of v_t of what sticks, or slides the other way, that counts as the residual of a row does
 ROUNDED = 4e-16  # of mu v_t, relative to the terms of its rows: v_t has digits beyond this
+ROUNDS = -1  # no solution for what impulses round by
 PATIENCE = 2  # iterations at modes that stay, without a gain
 TOO_MANY, GROWING = 10, 5  # contacts that change at once, or more of them than before: no solution is near
 
@@ -303,9 +304,9 @@ def make_modes(given: type) -> SimpleNamespace:
 
     @wp.func
     def newton(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, iterations: int, wary: int):
-        """From (k.v, k.a), at first in the modes at hand; 1 if the best point, which stays, is a solution.
-        Ends where ever more contacts change, if it is `wary`. `scales` has to be called before, without a
-        lift.
+        """From (k.v, k.a), at first in the modes at hand; 1 if the best point, which stays, is a solution, in
+        single precision ROUNDS if no more than the rounding of its impulses is too much. Ends where ever more
+        contacts change, if it is `wary`. `scales` has to be called before, without a lift.
         """
         best = ZERO + HUGE
         slides = int(0)
@@ -347,6 +348,9 @@ def make_modes(given: type) -> SimpleNamespace:
             take(k, o)
             measure(t, k, o)
             evaluate(t, k, o)
+        if wp.static(given is wp.float32):
+            if best > GOOD and best <= nt.rounded(k, o):
+                return wp.static(ROUNDS)
         return wp.where(best <= GOOD, 1, 0)
 
     return SimpleNamespace(

@@ -20,6 +20,7 @@ EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # what is good enough of a row r
 EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
 PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
 GROWN = 10.0  # by which rows may press a place harder than they do where they yield more
+KEPT, HELD, OWN = 0, 1, 2  # what is the least: k.least; of smoothed rows by `held.py`; of v' by itself
 
 
 @cached
@@ -126,13 +127,13 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
         return most
 
     @wp.func(inline=False)
-    def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, holds: int, rowwise: int):
+    def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, asked: int, rowwise: int):
         """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
         holds as well (of `adds_up`), and rows press no place much harder than they must (k.least), nor any
         row than it must if `rowwise`: a fixed point that runs away does so row by row. What is given back of
         a contact may round by no more than its rows. Under Coulomb's friction what impulses pass on through
-        bodies at rest counts in the velocities of their rows. `holds`: what presses hard is held to find the
-        least.
+        bodies at rest counts in the velocities of their rows. `asked`: KEPT, HELD (what presses hard is held
+        to find the least) or, of hard rows in single precision, OWN.
         """
         good = int(1)
         changed(t, k, o)
@@ -150,10 +151,13 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
                 if not is_open(t, k, r, EXACT, passed):
                     good = 0
         if wp.static(not hard):
-            if holds == 0:
+            if asked != wp.static(HELD):
                 least_pressed(t, k, o)
             elif held.least(t, k, o) == 0:
                 return 0
+        elif wp.static(given is wp.float32):
+            if asked == wp.static(OWN):
+                least_pressed(t, k, o)
         most = dtype(0.0)  # what M dv = J' lambda may miss of more is beyond what momenta are judged by
         if wp.static(hard and given is wp.float32):
             most = brought(t, k, o)
@@ -166,12 +170,14 @@ def make_least(given: type, residual: str) -> SimpleNamespace:
                 least = k.least[r]
                 if wp.static(not hard):
                     least = k.best_z[r]
+                if wp.static(hard and given is wp.float32):
+                    if asked == wp.static(OWN):
+                        least = k.best_z[r]
+                    if not (CLOSE * k.lam[r] <= MORE * ENOUGH * most):
+                        good = 0
                 spare = MORE * (least + k.alone[r]) - k.lam[r]
                 if rowwise == 1 and not (spare >= ZERO):
                     good = 0
-                if wp.static(hard and given is wp.float32):
-                    if not (CLOSE * k.lam[r] <= MORE * ENOUGH * most):
-                        good = 0
                 start = k.entry[r]
                 shift = k.entry[partner(t, k, r)] - start
                 for e in range(k.entry[r + 1] - start):

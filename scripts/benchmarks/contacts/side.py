@@ -17,15 +17,17 @@ import warp as wp
 import slcp_warp as slcp
 
 PROBE = 0.3  # CPU seconds that are spent on finding out how long a step takes
+SETTLING = 20.0  # CPU seconds after which a scene that settles is taken as it is,
+PIECE = 25  # looked at after so many steps
 
 
 class Job:
     """A rollout to be timed.
 
     Given as: scene (a file), starts (a file of (B, nx)), worlds (that are timed, of these), steps, settle
-    (steps made before, from the first start alone), most (CPU seconds of a call, beyond which there are fewer
-    worlds, then steps), options, dtype, strategy. All starts are run once to see which are solved, as far
-    as ten times `most` reach.
+    (steps made before, from the first start alone; they may be dearer than those at rest, and do not count),
+    most (CPU seconds of a call, beyond which there are fewer worlds, then steps), options, dtype, strategy.
+    All starts are run once to see which are solved, as far as ten times `most` reach.
     """
 
     def __init__(self, given: dict[str, Any]) -> None:
@@ -33,10 +35,9 @@ class Job:
                              dtype=given["dtype"], strategy=given["strategy"])  # fmt: skip
         x = np.load(given["starts"]).astype(given["dtype"])
         self.sim, self.us = sim, np.zeros((1, given["steps"], sim.nu), x.dtype)
-        most = round(given["most"] / self.step_seconds(x[:1]))
         if given["settle"]:
-            before = np.zeros((1, max(1, min(given["settle"], most)), sim.nu), x.dtype)
-            x = np.tile(sim.rollout(x[:1], before).states[:, -1], (len(x), 1))
+            x = np.tile(self.settled(x[:1], given["settle"]), (len(x), 1))
+        most = round(given["most"] / self.step_seconds(x[:1]))
         steps = max(1, min(given["steps"], most))
         seen = np.ascontiguousarray(x[: max(1, 10 * most // steps)])
         done = sim.rollout(seen, np.zeros((len(seen), steps, sim.nu), x.dtype))
@@ -45,6 +46,18 @@ class Job:
         self.made = outcome(done.states[:worlds], done.status[:worlds])["made"]
         self.facts = {"strategy": sim.strategy, "rows": sim.nr, "batch": worlds, "steps": steps}
         self.facts |= {"seen": len(seen), **outcome(done.states, done.status)}
+
+    def settled(self, x: np.ndarray, steps: int) -> np.ndarray:
+        """The state after so many steps of a world (1, nx), or after those that there was time for."""
+        made, spent = 0, 0.0
+        self.sim.rollout(x, self.us[:, :1])
+        while made < steps and spent < SETTLING:
+            count = min(PIECE, steps - made)
+            begin = time.process_time()
+            x = self.sim.rollout(x, np.zeros((1, count, self.sim.nu), x.dtype)).states[:, -1]
+            spent += time.process_time() - begin
+            made += count
+        return x
 
     def seconds(self) -> float:
         """CPU seconds of a step of a world."""
