@@ -148,8 +148,8 @@ def make_island(given: type, residual: str) -> wp.Function:
 
     @wp.func
     def directly(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int, closes: dtype):
-        """Coulomb's friction without a fixed point: SOLVED, NONFINITE or NOT_CONVERGED, and 1 if more rows are
-        to join before anything else is tried.
+        """Coulomb's friction without a fixed point: SOLVED, NONFINITE or NOT_CONVERGED, and 1 if more rows
+        are to join before anything else is tried.
         """
         status, rounds = int(wp.static(NOT_CONVERGED)), int(0)
         start = int(known)

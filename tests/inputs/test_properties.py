@@ -41,6 +41,11 @@ def kalman():
     return slcp.policies.KalmanFilter(sim(), {"link1.angle": 0.1}, 0.1, start=1.0)
 
 
+def exact():
+    model = slcp.Simulator(FINGER, slcp.Options(), device="cpu", dtype="float64")
+    return slcp.policies.KalmanFilter(model, {"link1.angle": 0.1}, 0.1, start=1.0)
+
+
 def library():
     zeros = np.zeros(3)
     return ddp.Library(
@@ -241,6 +246,9 @@ CALLS = {
         slcp.robustness_map,
         {"task": TASK, "policy": library().policy(), "x": ("mass", (1.0,)), "y": ("friction", (1.0,)),
          "device": "cpu"}, {"case": ("cases",), "policy": ("policies",)}),
+    "identify": (slcp.identify, {"filter": exact(), "measured": np.zeros((2, 6, 1)), "controls": US,
+        "parameters": {"mass": 0.1}, "bias": {"link1.angle": 0.1}, "sensor_noise": 0.1, "process_noise": 0.1},
+        {"starts": ("candidates",), "controls": ("run",)}),
     "tune": (
         slcp.tune,
         {"task": JUDGED, "policy": library().policy(), "parameters": {"mass": (0.5, 2.0)}, "device": "cpu"},

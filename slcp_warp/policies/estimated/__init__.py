@@ -1,6 +1,7 @@
 """Policies that see an estimate of the state: a Kalman filter through contact, and who acts by it."""
 
 from .estimated import Estimated
-from .kalman import Belief, KalmanFilter
+from .extended import Belief
+from .kalman import KalmanFilter
 
 __all__ = ["Belief", "Estimated", "KalmanFilter"]

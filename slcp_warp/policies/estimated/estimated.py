@@ -13,8 +13,9 @@ from ...simulator import Simulator
 from ...stepping.acting import Acting, acting
 from ...stepping.arguments import at_step_size
 from ..around import controls_before
+from .extended import Belief
 from .foresight import foreseeing
-from .kalman import Belief, KalmanFilter
+from .kalman import KalmanFilter
 from .sensing import first_state, sensors_of
 from .sent import Sent
 

@@ -22,6 +22,7 @@ from .unknowns import Unknowns
 from .weighing import weighed
 
 SPREAD, STIRRED, WEIGHED = 0x70726F72, 0x73746972, 0x77656967  # with the seed: uses of it
+MOST = 2**20  # candidates, starts, draws
 AS_GOOD = 3.0  # of a cost: a twentieth of the likelihood
 DISTANCE = 3.0  # standard deviations between two minima that are told
 
@@ -77,9 +78,10 @@ def identify(
     _check_filter(filter)
     unknowns = Unknowns(filter, parameters, bias, sensor_noise, process_noise)
     likelihood = Likelihood(unknowns, logs_of(filter, measured, controls, x0))
-    starts = checks.whole("starts", starts, 1)
-    candidates, rounds = checks.whole("candidates", candidates, starts), checks.whole("rounds", rounds, 0)
-    draws, seed = checks.whole("draws", draws, 1), checks.whole("seed", seed, 0)
+    starts = checks.whole("starts", starts, 1, MOST)
+    candidates = checks.whole("candidates", candidates, starts, MOST)
+    rounds, draws = checks.whole("rounds", rounds, 0), checks.whole("draws", draws, 1, MOST)
+    seed = checks.whole("seed", seed, 0)
     told = checks.function("progress", progress, 2, optional=True)
     rng = np.random.default_rng(seed_apart(seed, SPREAD))
     tried = rng.normal(size=(candidates, len(unknowns)))

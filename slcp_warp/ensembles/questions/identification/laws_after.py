@@ -33,16 +33,15 @@ def laws_after(
     for c, m, s in zip(table.varied.tolist(), mean, sd):
         law = _after(table, c, float(m), float(s), float(base[c]))
         groups.setdefault((int(table.stream[c]), int(table.step[c]), law), []).append(c)
-    whole = {}
-    for key, law in prior.items():
-        alone = laws.parameter_laws(scene, base, {key: law}).varied
-        whole[tuple(alone.tolist())] = key, law.shared
+    whole: dict[tuple[int, ...], tuple[str, bool | str]] = {}
+    for key, before in prior.items():
+        alone = laws.parameter_laws(scene, base, {key: before}).varied
+        whole[tuple(alone.tolist())] = key, before.shared
     out: dict[str, Law] = {}
-    for (_, _, law), columns in groups.items():
-        key, shared = whole.get(tuple(columns), (None, False))
-        if key is None:
-            key = ", ".join(dict.fromkeys(laws.key_of(scene, c) for c in columns))
-        out[key] = replace(law, shared=shared)
+    for (_, _, now), columns in groups.items():
+        of_parts = ", ".join(dict.fromkeys(laws.key_of(scene, c) for c in columns))
+        key, shared = whole.get(tuple(columns), (of_parts, False))
+        out[key] = replace(now, shared=shared)
     return out
 
 

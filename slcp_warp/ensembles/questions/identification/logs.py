@@ -1,11 +1,10 @@
 """Recorded runs: what sensors showed and which controls acted, of one length or of several."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....inputs.checks import array, shown
+from ....inputs.checks import array, numeric, shown
 from ....inputs.errors import ArgumentError, ArgumentTypeError
 from ....policies import KalmanFilter
 
@@ -69,15 +68,21 @@ def logs_of(filter: KalmanFilter, measured: Any, controls: Any, x0: Any) -> Logs
 
 def _runs(name: str, given: Any, width: int) -> list[np.ndarray]:
     """An array (steps, width) for each run."""
-    several = isinstance(given, list | tuple) and any(np.ndim(each) == 2 for each in given)
-    rows: Sequence[Any] = given if several else array(name, given, finite=False)
-    if isinstance(rows, np.ndarray):
-        if rows.ndim not in (2, 3):
-            raise ArgumentError(f"{name} has shape {rows.shape}; (runs, times, {width}) is needed")
-        rows = list(rows) if rows.ndim == 3 else [rows]
+    if isinstance(given, list | tuple) and any(map(_is_a_run, given)):
+        rows = list(given)
+    else:
+        found = array(name, given, finite=False)
+        if found.ndim not in (2, 3):
+            raise ArgumentError(f"{name} has shape {found.shape}; (runs, times, {width}) is needed")
+        rows = list(found) if found.ndim == 3 else [found]
     if not rows:
         raise ArgumentTypeError(f"{name} is {shown(given)}; one run, at least, is needed")
     return [array(f"{name}[{i}]", each, ("times", width), finite=False) for i, each in enumerate(rows)]
+
+
+def _is_a_run(given: Any) -> bool:
+    rows = numeric(given)
+    return rows is not None and rows.ndim == 2
 
 
 def _filled(rows: np.ndarray, length: int, value: float) -> np.ndarray:

@@ -23,7 +23,7 @@ def softenings(filter: KalmanFilter, logs: Logs) -> list[np.ndarray]:
         if steps >= count:
             continue
         tau = steps * h
-        found = {}
+        found: dict[int, float] = {}
         for place, variance in zip(filter.places, filter.variance):
             of = place % scene.nv
             power = 4 if place < scene.nv else 2
