@@ -126,6 +126,17 @@ def test_first_states_are_found_for_every_log():
     found = slcp.identify(filter, seen, us, {"cart.mass": 0.5})
     assert np.abs(found.x0[:, 0] - starts[0]).max() < 4.0 * NOISE
     assert np.abs(found.x0[:, 2] - starts[1]).max() < 4.0 * NOISE
+    mass, response, velocity = MASS * np.exp(0.5 * found.z[0]), np.zeros((3, 41)), np.zeros(3)
+    for k in range(40):
+        velocity = velocity + H * us[:, k, 0]
+        response[:, k + 1] = response[:, k] + H * velocity
+    information = np.eye(1)
+    for each in response:  # what a log tells of (z, x0, v0), all linear but for z
+        slope = np.stack([-0.5 * each / mass, 2.0 * np.ones(41), 2.0 * time], axis=1) / NOISE
+        told = slope.T @ slope
+        own = np.linalg.inv(told[1:, 1:] + np.eye(2))
+        information += told[:1, :1] - told[:1, 1:] @ own @ told[1:, :1]
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(information), rtol=1e-3)
     value, low, high = found.values["cart.mass"]
     assert low - (high - low) < 2.0 < high + (high - low) and high / low < 1.1
     assert abs(found.judge(seen[:, :20], us[:, :19]).rms - 1.0) < 0.2

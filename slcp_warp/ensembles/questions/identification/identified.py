@@ -39,6 +39,7 @@ class Identified(Printed):
         minima: a row a start, the best first: its cost (M70), the z_i that it ended at, and why.
         counted: share of draws by this mean and covariance that count (M73); .2 and less is rough.
         seed: of the starts and draws.
+        others: what explains the logs nearly as well, in words.
     """
 
     values: dict[str, tuple[float, float, float]]
