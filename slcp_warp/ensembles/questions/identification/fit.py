@@ -20,7 +20,7 @@ class Fit(NamedTuple):
     Where numbers, noise and mechanism are right these are independent standard normal ones (M72).
 
     Attributes:
-        cost: negative logarithm of the likelihood, without its constant.
+        cost: negative logarithm of the likelihood, without its constant; infinite where there is none.
         seen: numbers that were measured.
         rms: of the deviations; 1 is right.
         beyond: share beyond three; .0027 is right.
@@ -60,7 +60,7 @@ class Fit(NamedTuple):
 def fit_of(found: Surprise, names: tuple[str, ...]) -> Fit:
     """Of the first candidate's surprise, by the names of sensors."""
     known = np.isfinite(found.off[0])
-    whitened = _whitened(np.where(known, found.off[0], 0.0), found.covariance[0])
+    whitened = _whitened(np.where(known, found.off[0], 0.0), found.covariance[0])  # NaN: no filter went on
     seen = whitened[known]
     echo = {}
     for i, name in enumerate(names):
@@ -68,8 +68,9 @@ def fit_of(found: Surprise, names: tuple[str, ...]) -> Fit:
         before, after = whitened[:, :-1, i][both], whitened[:, 1:, i][both]
         size = float(np.sqrt((before**2).sum() * (after**2).sum()))
         echo[name] = float((before * after).sum() / size) if size > 0.0 else 0.0
+    data = float(costs(found)[0].sum())
     return Fit(
-        float(costs(found)[0].sum()),
+        data if np.isfinite(data) else np.inf,
         int(known.sum()),
         float(np.sqrt(np.mean(seen**2))),
         float(np.mean(np.abs(seen) > FAR)),
@@ -79,7 +80,9 @@ def fit_of(found: Surprise, names: tuple[str, ...]) -> Fit:
 
 
 def _whitened(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """L^-1 e with covariance L L'."""
+    """L^-1 e with covariance L L'; not numbers where this is none."""
+    if not np.isfinite(covariance).all():
+        return np.full(off.shape, np.nan)
     return np.asarray(np.linalg.solve(np.linalg.cholesky(covariance), off[..., None])[..., 0])
 
 

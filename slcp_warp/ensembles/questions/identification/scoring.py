@@ -104,7 +104,8 @@ class Search:
                 each.place, each.cost = places[best], float(own[best])
         self._join()
         for each in self.minima:
-            if each.ended == "rough" and each.stirred < STIRRED and self._near < ROUGHLY:
+            known = each.information is not None
+            if known and each.ended == "rough" and each.stirred < STIRRED and self._near < ROUGHLY:
                 self._stir(each)
 
     def _stir(self, minimum: Minimum) -> None:
