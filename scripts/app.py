@@ -12,6 +12,7 @@ from .commands.chart import chart_command
 from .commands.compare import compare_command
 from .commands.compile import compile_command
 from .commands.falsify import falsify_command
+from .commands.identify import identify_command
 from .commands.library import library_command
 from .commands.map import map_command
 from .commands.optimise import optimise_command
@@ -65,6 +66,7 @@ app.command("compare")(compare_command)
 app.command("sensitivity")(sensitivity_command)
 app.command("map")(map_command)
 app.command("tune")(tune_command)
+app.command("identify")(identify_command)
 app.command("rare")(rare_command)
 app.command("falsify")(falsify_command)
 app.command("chart")(chart_command)

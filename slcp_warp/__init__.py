@@ -24,6 +24,7 @@ from .ensembles.particles import ParticleRollout, Particles, particle_rollout, p
 from .ensembles.questions.identification.fit import Fit
 from .ensembles.questions.identification.identified import Identified
 from .ensembles.questions.identification.identify import identify
+from .ensembles.questions.identification.log_files import load_log
 from .ensembles.questions.rare.failure import FailureShare, failure_share
 from .ensembles.questions.rare.falsification import Falsification
 from .ensembles.questions.rare.falsify import falsify
@@ -124,6 +125,7 @@ __all__ = [
     "jvp",
     "limited_servo",
     "load_mjcf",
+    "load_log",
     "load_report",
     "load_scene",
     "load_task",

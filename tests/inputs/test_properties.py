@@ -249,6 +249,7 @@ CALLS = {
     "identify": (slcp.identify, {"filter": exact(), "measured": np.zeros((2, 6, 1)), "controls": US,
         "parameters": {"mass": 0.1}, "bias": {"link1.angle": 0.1}, "sensor_noise": 0.1, "process_noise": 0.1},
         {"starts": ("candidates",), "controls": ("run",)}),
+    "load_log": (slcp.load_log, {"path": "/nowhere/log.csv", "filter": kalman()}, {}),
     "tune": (
         slcp.tune,
         {"task": JUDGED, "policy": library().policy(), "parameters": {"mass": (0.5, 2.0)}, "device": "cpu"},
