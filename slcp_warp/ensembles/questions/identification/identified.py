@@ -20,10 +20,10 @@ from .unknowns import Unknowns
 
 DRAWN = 0x6B6E6F77  # with the seed: of worlds
 TWO_SIDED = 1.959963984540054  # 95 %
-LEARNED, TOGETHER, EVEN, FAR = 0.9, 0.95, 0.2, 3.0
+LEARNED, TOGETHER, EVEN, FAR, MANY = 0.9, 0.95, 0.2, 3.0, 3.0
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Identified(Printed):
     """Outcome of `identify`: what is known of numbers, as a normal distribution of z, which draws them.
 
@@ -116,7 +116,11 @@ class Identified(Printed):
         if not str(self.minima["ended"][0]) == "resolution":
             why = {"rounds": "more rounds= are needed", "rough": "no step along its derivatives improves it"}
             out.append(f"no minimum to a thirtieth of a deviation: {why[str(self.minima['ended'][0])]}")
-        nothing = [name for name, share in self.learned.items() if share > LEARNED]
+        left = [name for name, share in self.learned.items() if share > LEARNED]
+        ends = [name for name in left if abs(self.z[self._unknowns.told[name]]) > 1.0]
+        if ends:
+            out.append(f"at the end of what was possible before, or beyond it: {', '.join(ends)}")
+        nothing = [name for name in left if name not in ends]
         if nothing:
             out.append(f"the logs say next to nothing of: {', '.join(nothing)}")
         linked = self.correlation
@@ -131,7 +135,19 @@ class Identified(Printed):
             for name, z in zip(self.names, self.z)
             if abs(z) > FAR
         ]
-        if self.counted < EVEN:
+        process = self.values.get("process", (1.0,))[0]
+        if process > MANY:
+            out.append(
+                f"the process strays {process:.3g} times as much as was said: what the mechanism has not "
+                "got, or a minimum that takes all for noise (look at minima, or give it less process)"
+            )
+        rubs = [name for name in self.values if name.split(".")[-1] == "friction"]
+        if rubs and self.filter.model.options.friction != "coulomb":
+            out.append(
+                "what slides under Anitescu's friction rides h mu v above the ground, and tells another mu "
+                f"than Coulomb's law: {', '.join(rubs)} (Options('hard', friction='coulomb'))"
+            )
+        if not self.counted >= EVEN:
             out.append(
                 f"what is known is not normal: of draws {100.0 * self.counted:.0f} % count, so intervals "
                 "and drawn worlds are rough"

@@ -23,6 +23,7 @@ from .weighing import weighed
 
 SPREAD, STIRRED, WEIGHED = 0x70726F72, 0x73746972, 0x77656967  # with the seed: uses of it
 MOST = 2**20  # candidates, starts, draws
+QUIETER = 2  # minima that are tried with less noise
 AS_GOOD = 3.0  # of a cost: a twentieth of the likelihood
 DISTANCE = 3.0  # standard deviations between two minima that are told
 
@@ -50,7 +51,8 @@ def identify(
     extended Kalman filter of the mechanism goes through the logs; numbers are likely where what it foretells
     of the sensors is near what these showed, in deviations that it foretells, too (M70). Fisher's scoring
     (M71) goes down from the likeliest of many candidates; all candidates, differences and logs run side by
-    side as worlds.
+    side as worlds. Numbers stand in for what a model gets wrong: give it Coulomb's friction for what slides,
+    and steps so short that halving them changes little.
 
     Args:
         filter: model (in float64), sensors, noise, and what is believed of the first states. With `process=0`
@@ -96,12 +98,29 @@ def identify(
     done = itertools.count(1)
     for i, stage in enumerate(stages):
         likelihood.softening = stage
+        if i + 1 == len(stages):
+            search.minima += quieter(search.minima, unknowns)
         search.run(
             rounds,
             lambda: None if told is None else told(next(done), rounds * len(stages)),
             roughly=i + 1 < len(stages),
         )
     return _identified(likelihood, search.minima, draws, seed)
+
+
+def quieter(minima: list[Minimum], unknowns: Unknowns) -> list[Minimum]:
+    """The best minima with less noise of the process, where that is looked for: softened filters take what
+    numbers would explain for noise, and do not come back from there.
+    """
+    if "process" not in unknowns.names:
+        return []
+    place, out = unknowns.names.index("process"), []
+    for each in minima[:QUIETER]:
+        for z in (0.0, -2.0):
+            if each.place[place] > z:
+                out.append(Minimum(each.place.copy()))
+                out[-1].place[place] = z
+    return out
 
 
 def _check_filter(filter: KalmanFilter) -> None:
@@ -139,7 +158,7 @@ def _identified(likelihood: Likelihood, minima: list[Minimum], draws: int, seed:
         filter=unknowns.filter_at(z),
         x0=likelihood.first_states(place[None])[0],
         before=judged(unknowns, likelihood.logs, np.zeros(count)),
-        fit=fit_of(likelihood.surprise(place[None]), unknowns.filter.sensors),
+        fit=fit_of(likelihood, place),
         minima=table,
         counted=share,
         seed=seed,

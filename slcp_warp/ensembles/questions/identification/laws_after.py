@@ -10,11 +10,11 @@ from slcp_warp.kernels.ensembles.draws import LAWS
 
 from ....description.scene import Scene
 from ....parameters import Parameters
-from ....tasks.disturbances import Distribution, LogNormal, Normal, Uniform, laws
+from ....tasks.disturbances import Distribution, LogNormal, Normal, Uniform, UniformFactor, laws
 from ....tasks.disturbances.laws import Laws
 from ...worlds.normals import normal_share
 
-Law = LogNormal | Normal | Uniform
+Law = LogNormal | Normal | Uniform | UniformFactor
 DIGITS = 12  # of numbers, by which laws of several columns are the same
 
 
@@ -29,9 +29,13 @@ def laws_after(
         mean, sd: (columns that vary,) of the normal numbers that they are drawn from now.
     """
     base = Parameters(scene).table()[0]
+    factors = {key for key, law in prior.items() if isinstance(law, UniformFactor)}
+    of_factor = {
+        c for key in factors for c in laws.parameter_laws(scene, base, {key: prior[key]}).varied.tolist()
+    }
     groups: dict[tuple[int, int, Law], list[int]] = {}
     for c, m, s in zip(table.varied.tolist(), mean, sd):
-        law = _after(table, c, float(m), float(s), float(base[c]))
+        law = _after(table, c, float(m), float(s), float(base[c]), c in of_factor)
         groups.setdefault((int(table.stream[c]), int(table.step[c]), law), []).append(c)
     whole: dict[tuple[int, ...], tuple[str, bool | str]] = {}
     for key, before in prior.items():
@@ -45,10 +49,15 @@ def laws_after(
     return out
 
 
-def _after(table: Laws, c: int, mean: float, sd: float, base: float) -> Law:
-    """The law of a column; of an even one that even one which has the spread, within the ends it had."""
+def _after(table: Laws, c: int, mean: float, sd: float, base: float, factor: bool) -> Law:
+    """The law of a column; of an even one that even one which has the spread, within the ends it had; of a
+    factor on nothing, which the filter's model had and the scene has not, likewise an even one.
+    """
     law, first, second = LAWS[table.law[c]], float(table.first[c]), float(table.second[c])
     around = float(np.ravel(table.base[..., c])[0])
+    if law == "log-normal" and base == 0.0:
+        value, half = around * np.exp(first * mean), around * np.exp(first * mean) * first * sd * sqrt(3.0)
+        return Uniform(*sorted((_digits(value - half), _digits(value + half))))
     if law == "log-normal":
         return LogNormal(_digits(first * sd), median=_digits(around * np.exp(first * mean) / base))
     if law == "normal":
@@ -58,6 +67,8 @@ def _after(table: Laws, c: int, mean: float, sd: float, base: float) -> Law:
     value = first + (second - first) * share
     half = abs(second - first) * np.exp(-0.5 * mean**2) / sqrt(2.0 * np.pi) * sd * sqrt(3.0)
     low, high = max(ends[0], value - half), min(ends[1], value + half)
+    if factor and base != 0.0:
+        return UniformFactor(*sorted((_digits(low / base), _digits(high / base))))
     return Uniform(_digits(low), _digits(high))
 
 

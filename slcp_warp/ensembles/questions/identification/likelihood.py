@@ -9,6 +9,7 @@ from ....policies.estimated.extended import Belief, corrected, difference, foret
 from .logs import Logs
 from .unknowns import Unknowns
 
+REACH = 1e-3  # that first states are moved by for differences, in deviations
 LARGEST = 2**28  # bytes of what is kept of the worlds that run at once
 
 
@@ -87,9 +88,44 @@ class Likelihood:
 
     def costs(self, places: np.ndarray) -> np.ndarray:
         """(C, R) what each log has in that of candidates (C, size)."""
-        data = np.concatenate([costs(self._surprise(each)) for each in self._parts(places)])
         starts = places[:, self.count :].reshape(len(places), self.runs, len(self.starts))
-        total = data + 0.5 * (starts**2).sum(axis=2)
+        return np.asarray(self.data(places) + 0.5 * (starts**2).sum(axis=2))
+
+    def data(self, places: np.ndarray) -> np.ndarray:
+        """(C, R) what the sensors have in that, infinite where there is no such filter."""
+        total = np.concatenate([costs(self._surprise(each)) for each in self._parts(places)])
+        return np.where(np.isfinite(total), total, np.inf)
+
+    def by_starts(self, places: np.ndarray) -> tuple[Surprise, np.ndarray]:
+        """The surprise of candidates (C, size), and slopes (C, starts, R, N + 1, sensors) of what sensors are
+        off by, by the first states of the logs.
+        """
+        count, starts, size = self.count, len(self.starts), places.shape[1]
+        moves = np.zeros((starts, self.runs, starts))
+        moves[np.arange(starts), :, np.arange(starts)] = REACH
+        moved = np.concatenate([np.zeros((starts, count)), moves.reshape(starts, size - count)], axis=1)
+        around = np.concatenate([np.zeros((1, size)), moved, -moved])
+        found = self.surprise((places[:, None] + around).reshape(len(places) * len(around), size))
+        off, covariance, failures = (
+            each.reshape(len(places), len(around), *each.shape[1:]) for each in found
+        )
+        filled = np.where(np.isfinite(off), off, 0.0)
+        slopes = (filled[:, 1 : 1 + starts] - filled[:, 1 + starts :]) / (2.0 * REACH)
+        return Surprise(off[:, 0], covariance[:, 0], failures[:, 0]), slopes
+
+    def start_information(self, places: np.ndarray) -> np.ndarray:
+        """(C,) half the logarithm of the determinant of what logs tell of their first states: with it the
+        cost at the likeliest first states is that of any.
+        """
+        out, at_once = [], max(1, self._at_once // (1 + 2 * len(self.starts)))
+        for i in range(0, len(places), at_once):
+            found, slopes = self.by_starts(places[i : i + at_once])
+            with np.errstate(all="ignore"):
+                weighed = np.einsum("crtab,clrtb->clrta", np.linalg.inv(found.covariance), slopes)
+                told = np.einsum("ckrta,clrta->crkl", slopes, weighed)
+                size = np.linalg.slogdet(told + np.eye(len(self.starts)))[1]
+            out.append(0.5 * size.sum(axis=1))
+        total = np.concatenate(out)
         return np.where(np.isfinite(total), total, np.inf)
 
     def _parts(self, places: np.ndarray) -> list[np.ndarray]:

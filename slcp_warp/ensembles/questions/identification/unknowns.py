@@ -73,6 +73,11 @@ class Unknowns:
     def __len__(self) -> int:
         return len(self.names)
 
+    @property
+    def noisy(self) -> bool:
+        """Whether noise is looked for."""
+        return bool((self._around.varied >= len(self.filter.sensors)).any())
+
     def _laws_around(self, bias: Any, sensor_noise: Any, process_noise: Any) -> Laws:
         """Columns: bias and noise of each sensor, and a factor on what the process strays by."""
         filter, count = self.filter, len(self.filter.sensors)

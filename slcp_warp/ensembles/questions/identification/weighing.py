@@ -24,23 +24,32 @@ def weighed(likelihood: Likelihood, minimum: Minimum, draws: int, rng: np.random
     """What is known of the numbers, by adaptive importance sampling from a minimum and its information.
 
     A guess of which enough draws count stays as it is; in its place come the moments of weighed draws, whose
-    weights are evened out where only few of them count. First states follow the numbers.
+    weights are evened out where only few of them count. First states follow the numbers. Where noise is
+    looked for they count as not known: as likely as they can be they leave too little of it.
     """
+    noisy, moved = likelihood.unknowns.noisy and len(likelihood.starts) > 0, False
     count, found = likelihood.count, list[Weighed]()
     best = mean = minimum.place[:count]
     covariance = np.linalg.inv(minimum.known.reduced)
     for _ in range(PASSES):
         z, density = _drawn(mean, covariance, draws, rng)
         starts = [minimum.place[count:] + minimum.known.follows(each - best).ravel() for each in z]
-        logarithm = -likelihood.cost(np.concatenate([z, np.array(starts)], axis=1)) - density
-        found.append(Weighed(mean, covariance, _counted(_weights(logarithm))))
-        if found[-1].share >= ENOUGH:
+        places = np.concatenate([z, np.array(starts)], axis=1)
+        logarithm = -likelihood.cost(places) - density
+        if noisy:
+            logarithm -= likelihood.start_information(places)
+        if not np.isfinite(logarithm).sum() > FEW * draws:
+            break
+        share = _counted(_weights(logarithm))
+        found.append(Weighed(mean, covariance, share))
+        if share >= ENOUGH and (moved or not noisy):
             break
         power = 1.0
         while _counted(_weights(power * logarithm)) < FEW:
             power *= 0.5
         mean, covariance = _moments(z, _weights(power * logarithm), covariance)
-    return max(found, key=lambda each: each.share)
+        moved = True
+    return max(found, key=lambda each: each.share, default=Weighed(best, covariance, 0.0))
 
 
 def _drawn(
@@ -56,7 +65,7 @@ def _drawn(
 
 def _weights(logarithm: np.ndarray) -> np.ndarray:
     """(draws,) that sum to 1."""
-    weight = np.exp(logarithm - logarithm.max())
+    weight = np.exp(np.where(np.isfinite(logarithm), logarithm, -np.inf) - np.nanmax(logarithm))
     return np.asarray(weight / weight.sum())
 
 
