@@ -86,4 +86,4 @@ def _law(text: str) -> tuple[str, slcp.LogNormal | slcp.Uniform]:
         raise ValueError(f"--parameter is {text!r:.60}; name=deviation or name=low:high is needed")
     if len(given) == 1:
         return name, slcp.LogNormal(given[0], shared=True)
-    return name, slcp.Uniform(*given, shared=True)
+    return name, slcp.Uniform(given[0], given[1], shared=True)

@@ -57,7 +57,7 @@ def _after(table: Laws, c: int, mean: float, sd: float, base: float, factor: boo
     around = float(np.ravel(table.base[..., c])[0])
     if law == "log-normal" and base == 0.0:
         value, half = around * np.exp(first * mean), around * np.exp(first * mean) * first * sd * sqrt(3.0)
-        return Uniform(*sorted((_digits(value - half), _digits(value + half))))
+        return Uniform(_digits(value - half), _digits(value + half))
     if law == "log-normal":
         return LogNormal(_digits(first * sd), median=_digits(around * np.exp(first * mean) / base))
     if law == "normal":
@@ -68,7 +68,8 @@ def _after(table: Laws, c: int, mean: float, sd: float, base: float, factor: boo
     half = abs(second - first) * np.exp(-0.5 * mean**2) / sqrt(2.0 * np.pi) * sd * sqrt(3.0)
     low, high = max(ends[0], value - half), min(ends[1], value + half)
     if factor and base != 0.0:
-        return UniformFactor(*sorted((_digits(low / base), _digits(high / base))))
+        factors = low / base, high / base
+        return UniformFactor(_digits(min(factors)), _digits(max(factors)))
     return Uniform(_digits(low), _digits(high))
 
 
