@@ -333,7 +333,7 @@ with contextlib.suppress(ImportError):
 # What functions give back, and protocols: made by the package, not by its users.
 GIVEN = {
     "Complementarity", "CostFunctions", "Dynamics", "DynamicsFunctions", "Energies", "FailureShare",
-    "Falsification", "Momentum",
+    "Falsification", "Fit", "Identified", "Momentum",
     "Linearization", "Multistart", "ParticleRollout", "Particles", "Pullback", "Pushforward", "Report",
     "Result", "Robust", "RobustnessMap", "Sampled", "Sensitivity", "SequentialComparison", "Situation",
     "StartPolicy",

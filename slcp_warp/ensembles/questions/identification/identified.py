@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ....inputs.checks import instance, whole
+from ....inputs.checks import device, instance, memory, whole
 from ....inputs.errors import ArgumentError
 from ....parameters import Parameters
 from ....policies import KalmanFilter
@@ -101,7 +101,9 @@ class Identified(Printed):
 
     def _drawn(self, count: int, seed: int) -> np.ndarray:
         rng = np.random.default_rng(seed_apart(whole("seed", seed, 0), DRAWN))
-        normal = rng.normal(size=(whole("count", count), len(self.z)))
+        width = self.params.layout.width
+        memory("count: parameters of the worlds", whole("count", count), 24 * width, device("cpu"))
+        normal = rng.normal(size=(int(count), len(self.z)))
         return np.asarray(self.z + normal @ np.linalg.cholesky(self.covariance).T)
 
     def _line(self) -> str:
