@@ -32,9 +32,9 @@ class Identified(Printed):
         learned: by name the standard deviation that is left, of the one before: 1 is nothing learned.
         names: (K,) of what is drawn independently before the logs.
         z, covariance: (K,), (K, K) mean and covariance of z, which was N(0, 1) before.
-        params: of the filter's model, with the most likely numbers.
+        params: of the filter's model, with the numbers that were found.
         filter: with all of them: parameters, biases and noise.
-        x0: (R, nx) the most likely first states of the logs.
+        x0: (R, nx) the most likely first states of the logs, with these.
         before, fit: how well the logs are explained at z = 0, and by what was found.
         minima: a row a start, the best first: its cost (M70), the z_i that it ended at, and why.
         counted: share of draws by this mean and covariance that count (M73); .2 and less is rough.
@@ -155,7 +155,8 @@ class Identified(Printed):
                 "and drawn worlds are rough"
             )
         if self.fit.failures:
-            out.append(f"{counted(self.fit.failures, 'step')} of the logs had no solution in the model")
+            steps = counted(self.fit.failures, "step")
+            out.append(f"{steps} of the logs had no solution in the model, or no derivatives")
         return [*out, *self.others, *self.fit.told()]
 
     def _tables(self) -> list[Table]:

@@ -23,7 +23,7 @@ from .weighing import weighed
 
 SPREAD, STIRRED, WEIGHED = 0x70726F72, 0x73746972, 0x77656967  # with the seed: uses of it
 MOST = 2**20  # candidates, starts, draws
-QUIETER = 2  # minima that are tried with less noise
+QUIETER, LESS = 2, (0.0, -2.0)  # minima that are tried with less noise, and its z
 AS_GOOD = 3.0  # of a cost: a twentieth of the likelihood
 DISTANCE = 3.0  # standard deviations between two minima that are told
 
@@ -92,7 +92,10 @@ def identify(
     likelihood.softening = stages[0]
     costs = likelihood.cost(places)
     if not np.isfinite(costs).any():
-        raise ArgumentError("measured cannot be foretold by any candidate: no cost is finite")
+        raise ArgumentError(
+            f"measured, up to {np.nanmax(np.abs(likelihood.logs.measured)):g}, is foretold by none of "
+            f"{candidates} candidates: no cost is finite"
+        )
     first = np.argsort(costs, kind="stable")[:starts]
     search = Search(likelihood, places[first], seed_apart(seed, STIRRED))
     done = itertools.count(1)
@@ -102,7 +105,7 @@ def identify(
             search.minima += quieter(search.minima, unknowns)
         search.run(
             rounds,
-            lambda: None if told is None else told(next(done), rounds * len(stages)),
+            lambda: None if told is None else told(next(done), (rounds + 1) * len(stages)),
             roughly=i + 1 < len(stages),
         )
     return _identified(likelihood, search.minima, draws, seed)
@@ -116,7 +119,7 @@ def quieter(minima: list[Minimum], unknowns: Unknowns) -> list[Minimum]:
         return []
     place, out = unknowns.names.index("process"), []
     for each in minima[:QUIETER]:
-        for z in (0.0, -2.0):
+        for z in LESS:
             if each.place[place] > z:
                 out.append(Minimum(each.place.copy()))
                 out[-1].place[place] = z
@@ -138,7 +141,10 @@ def _identified(likelihood: Likelihood, minima: list[Minimum], draws: int, seed:
     """What was found, judged."""
     unknowns, best, count = likelihood.unknowns, minima[0], likelihood.count
     if best.information is None:
-        raise ArgumentError("measured has no likelihood with derivatives: what is foretold is not finite")
+        raise ArgumentError(
+            f"measured has a cost of {best.cost:g} at best, without derivatives: what is foretold beside it "
+            "is not finite"
+        )
     rng = np.random.default_rng(seed_apart(seed, WEIGHED))
     z, covariance, share = weighed(likelihood, best, draws, rng)
     place = np.concatenate([z, best.place[count:] + best.known.follows(z - best.place[:count]).ravel()])

@@ -43,7 +43,7 @@ def weighed(likelihood: Likelihood, minimum: Minimum, draws: int, rng: np.random
         share = _counted(_weights(logarithm))
         found.append(Weighed(mean, covariance, share))
         if share >= ENOUGH and (moved or not noisy):
-            break
+            return found[-1]
         power = 1.0
         while _counted(_weights(power * logarithm)) < FEW:
             power *= 0.5
