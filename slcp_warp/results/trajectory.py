@@ -12,17 +12,16 @@ import numpy as np
 from ..description.scene import Scene
 from ..inputs import checks
 from ..inputs.arrays import Array, to_numpy
-from ..inputs.errors import ArgumentError, ArgumentTypeError
-from ..measures.recorded import Recorded, of_worlds
+from ..inputs.errors import ArgumentError
 from ..measures.reductions import Measure, Success
-from ..measures.signals import OF_TENDONS
-from ..options import Options, Status
+from ..options import Options
 from ..parameters import Parameters
 from ..storage.printed import Printed, Table, counted
 from .energies import Energies, energies
+from .measured import RECORDED, measured
 from .momentum import Momentum, momentum
 from .overlaps import failed, failed_table
-from .pictures.contacts import contact_table, slips
+from .pictures.contacts import contact_table
 from .pictures.motion import Motion
 from .record_checks import TRAJECTORY, check_trajectory, made_steps
 from .records import Record, read_record
@@ -31,9 +30,8 @@ from .statuses import statuses
 from .step import contact_impulse
 from .tensions import forces_are_known, tendon_forces
 from .turning import turned
-from .worlds import columns, pair_gap, selected, some_worlds
+from .worlds import columns, selected, some_worlds
 
-RECORDED = ("controls", "impulse", "gap")
 ARRAYS = ("states", "status", *RECORDED)
 
 
@@ -181,32 +179,8 @@ class Trajectory(Printed):
             ArgumentError: it looks at what was not recorded (controls; "impulse" for contacts; "gap"), or at
                 what the scene has not got.
         """
-        if not isinstance(what, Measure | Success):
-            raise ArgumentTypeError(
-                f"what is {checks.shown(what)}; a measure of slcp_warp.measures, or comparisons, is needed"
-            )
-        if self.kept is not None:
-            raise ArgumentError("this trajectory has checkpoints only; a measure needs all states")
-        seen = {name: None if getattr(self, name) is None else self.recorded(name) for name in RECORDED}
-        seen["impulse"] = None if self.impulse is None else self._by_pair[..., 0]
-        seen["gap"] = None if seen["gap"] is None else pair_gap(self.scene, seen["gap"])
-        solved = self.recorded("status") == Status.SOLVED
-        own = self._known().select(solved).parameters["step_size"]
-        of = {name: None if array is None else array[solved] for name, array in seen.items()}
-        if seen["impulse"] is not None:
-            of["tangential"] = self._by_pair[solved][..., 1]
-        if seen["impulse"] is not None and "slip" in {signal.kind for signal in what.signals()}:
-            found = np.zeros(self._by_pair[solved].shape[:-1])
-            for slip, i in zip(found, np.flatnonzero(solved).tolist()):
-                slip[:] = slips(self.motion(i), self._by_pair[i, ..., 0])
-            of["slip"] = found
-        if OF_TENDONS in {signal.kind for signal in what.signals()}:
-            of["pull"] = self._pulls(solved)
-        worlds = Recorded(self.scene, own, self.recorded("states")[solved], **of)
-        found = of_worlds(what, None if self._made is None else self._made[solved], worlds)
-        out = np.full(len(solved), np.nan if isinstance(what, Measure) else False, found.dtype)
-        out[solved] = found
-        return out if self.batched else out[0]
+        found = measured(self, what)
+        return found if self.batched else found[0]
 
     @property
     def _staggered(self) -> bool:

@@ -12,8 +12,8 @@ from ...measures.reductions import first_time
 from ...options import Options
 from ...parameters import Parameters
 from ...results import Trajectory
+from ...results.measured import RECORDED
 from ...results.simulated import Simulated
-from ...results.trajectory import RECORDED
 from ...simulator import Simulator
 from ...tasks.task import Task
 from ..launch import Recorded
