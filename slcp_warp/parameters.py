@@ -318,11 +318,12 @@ class Parameters(Printed):
         if rows.ndim != 2 or rows.shape[1] != self.layout.width or not len(rows):
             raise ParameterError(f"table has shape {rows.shape}; (B, {self.layout.width}) is needed")
         single = getattr(table, "dtype", None) == np.float32  # then what is shared was rounded, too
-        same = (rows == self.table().astype(np.float32 if single else float)).all(0)
-        changes = {}
+        others = self.worlds not in (None, len(rows))  # then no row is of a world here
+        own = self.table()[: 1 if others else None].astype(np.float32 if single else float)
+        same, changes = (rows == own).all(0), {}
         for name, start, shape in self.layout.columns:
             end = start + int(np.prod(shape, dtype=int))
-            if not same[start:end].all():
+            if not same[start:end].all() or (others and np.ndim(self._values[name]) > len(shape)):
                 changes[name] = rows[:, start:end].reshape(-1, *shape)
         return self.replace(**changes)
 

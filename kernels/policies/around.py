@@ -12,6 +12,7 @@ from .contract import PolicyFunctions, PolicyKernel, make_policy
 from .pieces import make_limits
 
 SENSOR, OF_TASK = 1 << 21, 1 << 23  # first streams of sensors' noise, of a policy's own and of a task's
+OF_ESTIMATES = 1 << 24  # and of what a filter reads beside them
 
 
 class Between(NamedTuple):
@@ -157,6 +158,7 @@ def make_sensor_kernel(dtype: type) -> wp.Kernel:
         first: int,
         next: wp.array(dtype=wp.int32),  # (B,) steps
         seed: int,
+        stream: int,  # the first
         number: wp.array(dtype=wp.int32),  # (B,) of the worlds
         noise: wp.array(dtype=dtype),  # (nx,) standard deviations
         state: wp.array2d(dtype=dtype),  # (B, nx)
@@ -164,6 +166,6 @@ def make_sensor_kernel(dtype: type) -> wp.Kernel:
     ):
         i = first + wp.tid()
         for j in range(noise.shape[0]):
-            seen[i, j] = state[i, j] + noise[j] * normal(seed, number[i], next[i], OF_TASK + j)
+            seen[i, j] = state[i, j] + noise[j] * normal(seed, number[i], next[i], stream + j)
 
     return sensor_kernel

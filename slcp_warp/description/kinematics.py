@@ -1,5 +1,6 @@
 """Where joints put bodies, in plain NumPy: what pictures and the benchmarks' mechanics share."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ def across(vector: Array) -> Array:
     return np.stack([-vector[..., 1], vector[..., 0]], -1)
 
 
-def slides(body: BodyStructure, i: int, numbers: dict[str, Any]) -> dict[int, Array]:
+def slides(body: BodyStructure, i: int, numbers: Mapping[str, Any]) -> dict[int, Array]:
     """The axes (..., 2) along which body i slides in its parent's frame, by degree of freedom."""
     if body.joint == "prismatic":
         return {body.dofs[0]: numbers["axis"][..., i, :]}
@@ -28,7 +29,7 @@ def slides(body: BodyStructure, i: int, numbers: dict[str, Any]) -> dict[int, Ar
 
 
 def joint_pose(
-    body: BodyStructure, i: int, numbers: dict[str, Any], q: Array, base: Array
+    body: BodyStructure, i: int, numbers: Mapping[str, Any], q: Array, base: Array
 ) -> tuple[Array, Array]:
     """Where the joint puts body i at q (..., nv): its origin in the parent's frame (..., 2), and its angle.
 

@@ -1,8 +1,8 @@
 """Points of bodies, and centres of mass, that costs and measures are about, and what weights say of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def centre_of_mass(*bodies: str) -> Point:
     return Point(bodies or None, CENTRE)
 
 
-def _parts(scene: Scene, point: Point) -> list[tuple[float, int, tuple[float, float]]]:
+def _parts(scene: Scene, point: Point, numbers: Mapping[str, Any]) -> list[tuple[Any, int, Any]]:
     """Points of bodies that a point is the weighed sum of: weight, body (-1: the world), place in it.
 
     Raises:
@@ -79,8 +79,9 @@ def _parts(scene: Scene, point: Point) -> list[tuple[float, int, tuple[float, fl
         return [(1.0, at, point.at)]
     chosen = (point.body,) if isinstance(point.body, str) else point.body or names
     places = [index_of("Point.body", name, names) for name in chosen]
-    whole = sum(scene.bodies[b].mass for b in places)
-    return [(scene.bodies[b].mass / whole, b, scene.bodies[b].com) for b in places]
+    mass, com = numbers["mass"], numbers["com"]
+    whole = mass[..., places].sum(axis=-1)
+    return [(mass[..., b] / whole, b, com[..., b, :]) for b in places]
 
 
 def point_numbers(scene: Scene, points: Sequence[Point], start: int) -> list[float]:
@@ -89,7 +90,8 @@ def point_numbers(scene: Scene, points: Sequence[Point], start: int) -> list[flo
     Raises:
         ArgumentError: a body that the scene has not got.
     """
-    every = [_parts(scene, point) for point in points]
+    numbers = scene.default_parameters()
+    every = [_parts(scene, point, numbers) for point in points]
     first = start + POINT * len(points)
     link = first + PART * sum(len(parts) for parts in every)
     heads: list[float] = []
@@ -116,14 +118,17 @@ def _chain(scene: Scene, body: int) -> list[int]:
     return chain
 
 
-def position(scene: Scene, point: Point, states: np.ndarray) -> np.ndarray:
-    """Where a point of a scene's bodies, or a centre of mass, is, (..., 2) [m], by the scene's own lengths
-    and masses.
+def position(
+    scene: Scene, point: Point, states: np.ndarray, numbers: Mapping[str, np.ndarray] | None = None
+) -> np.ndarray:
+    """Where a point of a scene's bodies, or a centre of mass, is, (..., 2) [m].
 
     Args:
         scene: whose bodies they are.
         point: which one.
         states: (..., 2 nv) of the scene.
+        numbers: lengths, angles and masses by parameter name, as they are or with the axes of the states in
+            front; None: the scene's own.
 
     Raises:
         ArgumentError: a body that the scene has not got, or states of another one.
@@ -134,14 +139,14 @@ def position(scene: Scene, point: Point, states: np.ndarray) -> np.ndarray:
     if states.shape[-1:] != (2 * scene.nv,):
         raise ArgumentError(f"states has shape {states.shape}; (..., {2 * scene.nv}) is needed")
     q, out = states[..., : scene.nv], np.zeros((*states.shape[:-1], 2))
-    for weight, body, at in _parts(scene, point):
-        out = out + weight * _place(scene, body, at, q)
+    found = scene.default_parameters() if numbers is None else numbers
+    for weight, body, at in _parts(scene, point, found):
+        out = out + np.asarray(weight)[..., None] * _place(scene, body, at, q, found)
     return out
 
 
-def _place(scene: Scene, body: int, at: tuple[float, float], q: np.ndarray) -> np.ndarray:
+def _place(scene: Scene, body: int, at: Any, q: np.ndarray, numbers: Mapping[str, Any]) -> np.ndarray:
     """Where a point of a body is."""
-    numbers = scene.default_parameters()
     angle, place = np.zeros(q.shape[:-1]), np.zeros((*q.shape[:-1], 2))
     for b in _chain(scene, body):
         local, then = joint_pose(scene.structure.bodies[b], b, numbers, q, angle)

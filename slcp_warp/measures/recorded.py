@@ -53,6 +53,8 @@ class Recorded:
         slip: (B, N, pairs) how fast the pairs slide that push, else 0 [m/s], or None.
         tangential: (B, N, pairs) tangential impulses [N s], or None.
         pull: (B, N, tendons) forces of tendons [N, N m], or None.
+        numbers: parameters by name, (B, 1, ...) where worlds have their own, by which points are where they
+            are; None: the scene's.
     """
 
     scene: Scene
@@ -64,6 +66,7 @@ class Recorded:
     slip: Any = None
     tangential: Any = None
     pull: Any = None
+    numbers: Any = None
 
     def __post_init__(self) -> None:
         states = array("states", self.states, ("B", "N+1", 2 * self.scene.nv))
@@ -127,7 +130,7 @@ class Recorded:
         return np.concatenate([values, values[:, -1:]], axis=1)
 
     def _of_points(self, signal: Signal) -> np.ndarray:
-        places = [position(self.scene, each, self.states)
+        places = [position(self.scene, each, self.states, self.numbers)
                   for each in (signal.which, signal.minus) if isinstance(each, Point)]  # fmt: skip
         apart = places[0] if len(places) == 1 else places[0] - places[1]
         return (

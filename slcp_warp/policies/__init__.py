@@ -9,7 +9,7 @@ from slcp_warp.kernels.policies.contract import PolicyFunctions, PolicyKernel
 from ..stepping.host import HostPolicy
 from .around import Around
 from .callback import Callback
-from .estimated import Belief, Estimated, KalmanFilter
+from .estimated import Belief, Estimated, KalmanFilter, Sensor
 from .function import Function
 from .linear import Linear
 from .network import Network
@@ -32,6 +32,7 @@ __all__ = [
     "OpenLoop",
     "PolicyFunctions",
     "PolicyKernel",
+    "Sensor",
     "load_policy",
     "save_policy",
 ]

@@ -8,7 +8,7 @@ from ..inputs import checks
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..measures.recorded import Recorded, of_worlds
 from ..measures.reductions import Measure, Success
-from ..measures.signals import OF_TENDONS
+from ..measures.signals import OF_TENDONS, Signal
 from ..options import Status
 from .pictures.contacts import slips
 from .worlds import pair_gap
@@ -27,8 +27,6 @@ def measured(run: Any, what: Measure | Success) -> np.ndarray:
         raise ArgumentTypeError(
             f"what is {checks.shown(what)}; a measure of slcp_warp.measures, or comparisons, is needed"
         )
-    if run.kept is not None:
-        raise ArgumentError("this trajectory has checkpoints only; a measure needs all states")
     solved = run.recorded("status") == Status.SOLVED
     worlds = _recorded(run, {signal.kind for signal in what.signals()}, solved)
     found = of_worlds(what, None if run._made is None else run._made[solved], worlds)
@@ -37,8 +35,25 @@ def measured(run: Any, what: Measure | Success) -> np.ndarray:
     return out
 
 
+def series(run: Any, signal: Signal) -> np.ndarray:
+    """(B, N+1) values of a signal in every step; see `Trajectory.series`.
+
+    Args:
+        run: a Trajectory.
+        signal: which.
+    """
+    signal = checks.instance("signal", signal, Signal, "a signal of slcp_warp.measures")
+    solved = run.recorded("status") == Status.SOLVED
+    worlds = _recorded(run, {each.kind for each in signal.parts()}, solved)
+    out = np.full(run.recorded("states").shape[:2], np.nan)
+    out[solved] = worlds.series(signal)
+    return out
+
+
 def _recorded(run: Any, kinds: set[str], solved: np.ndarray) -> Recorded:
     """What signals of these kinds are read from, of some of the worlds."""
+    if run.kept is not None:
+        raise ArgumentError("this trajectory has checkpoints only; a measure needs all states")
     seen = {name: None if getattr(run, name) is None else run.recorded(name) for name in RECORDED}
     seen["impulse"] = None if run.impulse is None else run._by_pair[..., 0]
     seen["gap"] = None if seen["gap"] is None else pair_gap(run.scene, seen["gap"])

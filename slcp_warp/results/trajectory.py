@@ -14,11 +14,12 @@ from ..inputs import checks
 from ..inputs.arrays import Array, to_numpy
 from ..inputs.errors import ArgumentError
 from ..measures.reductions import Measure, Success
+from ..measures.signals import Signal
 from ..options import Options
 from ..parameters import Parameters
 from ..storage.printed import Printed, Table, counted
 from .energies import Energies, energies
-from .measured import RECORDED, measured
+from .measured import RECORDED, measured, series
 from .momentum import Momentum, momentum
 from .overlaps import failed, failed_table
 from .pictures.contacts import contact_table
@@ -180,6 +181,18 @@ class Trajectory(Printed):
                 what the scene has not got.
         """
         found = measured(self, what)
+        return found if self.batched else found[0]
+
+    def series(self, signal: Signal) -> np.ndarray:
+        """(B, N+1) values of a signal of `slcp_warp.measures` in every step; (N+1,) of one world without an
+        axis of worlds. The last is of the last state, with the last step's controls and contacts.
+
+        NaN of worlds that are not SOLVED.
+
+        Raises:
+            ArgumentError: see `measure`.
+        """
+        found = series(self, signal)
         return found if self.batched else found[0]
 
     @property

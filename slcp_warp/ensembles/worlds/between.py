@@ -124,7 +124,7 @@ class HostBetween(OfHost):
         noise: wp.array = wp.array(
             Around(None, noise=d.sensor).deviations(sim), dtype=sim.dtype, device=sim.device
         )
-        inputs = [next, seed, numbers, noise, state, out]
+        inputs = [next, seed, OF_TASK, numbers, noise, state, out]
         return Prepared(make_sensor_kernel(sim.dtype), len(state), inputs, sim.device), out
 
 

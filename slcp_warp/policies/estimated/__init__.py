@@ -3,5 +3,6 @@
 from .estimated import Estimated
 from .extended import Belief
 from .kalman import KalmanFilter
+from .sensors import Sensor
 
-__all__ = ["Belief", "Estimated", "KalmanFilter"]
+__all__ = ["Belief", "Estimated", "KalmanFilter", "Sensor"]

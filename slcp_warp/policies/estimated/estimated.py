@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ...inputs.checks import attribute, flag, instance, number, shown
+from ...inputs.checks import attribute, flag, instance, number, shown, whole
 from ...inputs.errors import ArgumentError, ArgumentTypeError
 from ...inputs.limits import any_limits, limit_rows
 from ...inputs.times import nearest_steps
@@ -16,10 +16,11 @@ from ..around import controls_before
 from .extended import Belief
 from .foresight import foreseeing
 from .kalman import KalmanFilter
+from .readings import Readings
 from .sensing import first_state, sensors_of
 from .sent import Sent
 
-OF_RUN = ("belief", "kept", "_inner", "_late", "_sent", "_last", "_thread")
+OF_RUN = ("belief", "kept", "_inner", "_late", "_sent", "_last", "_thread", "_readings")
 
 
 class Estimated:
@@ -41,6 +42,8 @@ class Estimated:
         before: controls (nu,), or one number for all, until the first that is sent acts; None: zero.
         period: between two questions [s], as of a task's hold; None: a step of the model.
         keep: True: `kept` has every estimate of the run.
+        seed: of what `policies.Sensor` says of noise and lost readings, which are drawn here: what a sensor
+            shows is of the states that the run shows.
 
     Attributes:
         belief: of the worlds of the run that it is in, after the last measurement; None before the first.
@@ -62,9 +65,17 @@ class Estimated:
         before: Any = None,
         period: float | None = None,
         keep: bool = False,
+        seed: int = 0,
     ) -> None:
         self.filter = instance("filter", filter, KalmanFilter, "a policies.KalmanFilter")
+        if filter.forces is not None:
+            names = ", ".join(filter.sensors[i] for i in filter.sensing.of_step)
+            raise ArgumentError(
+                f"filter has sensors of forces, {names}, and a run shows states to its policies; sensors of "
+                "states are needed here (logs have forces: KalmanFilter.estimate, slcp.identify)"
+            )
         self.delay, self.keep = number("delay", delay, 0.0), flag("keep", keep)
+        self.seed = whole("seed", seed, 0)
         self.foresee = not attribute(policy, "lag") if foresee is None else flag("foresee", foresee)
         if self.foresee:
             policy = foreseeing(policy, self.delay)
@@ -105,8 +116,8 @@ class Estimated:
         Args:
             task: a `slcp_warp.Task`.
             policy: as of the class.
-            sensors: names of the measured states, whose noise is that of `Disturbances.sensor`, or a dict of
-                standard deviations by name.
+            sensors: names of the measured states, whose noise is that of `Disturbances.sensor`, or a dict as
+                of `KalmanFilter`.
             process, model: as of `KalmanFilter`; model None: the task's simulator.
             start: as of `KalmanFilter`; None: how far the task's runs begin from their mean.
             given: of the class, in place of what the task says.
@@ -160,6 +171,7 @@ class Estimated:
         self._last: float | None = None  # when it was asked
         self._thread = threading.get_ident()
         self.belief, self.kept = self.filter.begin(len(numbers)), []
+        self._readings = Readings(self.filter.sensing, self.filter.model, numbers, self.seed)
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> np.ndarray:
         """Controls (B, nu) of the states x (B, nx), of which the sensors' are read."""
@@ -170,7 +182,7 @@ class Estimated:
         belief = self.belief
         if self._last is not None:
             belief = self._until(belief, self._last, time)
-        self.belief = belief = self.filter.correct(belief, x[:, self.filter.places])
+        self.belief = belief = self.filter.correct(belief, self._readings.of(x, time))
         if self.keep:
             self.kept.append((time, belief))
         acts = time

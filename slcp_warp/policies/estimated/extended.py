@@ -7,6 +7,9 @@ import numpy as np
 from ...options import Status
 from ...parameters import Parameters
 from ...simulator import Simulator
+from .forces import Forces, Shown
+
+FARTHEST = 1e100  # of a variance
 
 
 class Belief(NamedTuple):
@@ -16,24 +19,34 @@ class Belief(NamedTuple):
         mean: (B, nx).
         covariance: (B, nx, nx).
         failures: (B,) predictions so far in which the model's step had no solution, or no derivatives.
+        shown: what sensors of a step's forces show of the last one, where there are such; None before it.
     """
 
     mean: np.ndarray
     covariance: np.ndarray
     failures: np.ndarray
+    shown: Shown | None = None
 
 
 def foretold(
-    model: Simulator, belief: Belief, u: Any, params: Parameters, h: float, strayed: np.ndarray
+    model: Simulator,
+    belief: Belief,
+    u: Any,
+    params: Parameters,
+    h: float,
+    strayed: np.ndarray,
+    forces: Forces | None = None,
 ) -> Belief:
     """What is known after a step of size h [s], (M66).
 
-    Where the step is not solved bodies go on at their velocities; where it has no derivatives errors do.
+    Where the step is not solved bodies go on at their velocities; where it has no derivatives, or nothing is
+    known any more (errors beyond `FARTHEST`), errors do.
 
     Args:
         strayed: (nx, nx) or (B, nx, nx) covariance of what the noise does meanwhile.
+        forces: sensors of the step's forces, which are foretold, too; None: none.
     """
-    mean, covariance, failures = belief
+    mean, covariance, failures, _ = belief
     nv = model.nx // 2
     free = np.eye(2 * nv)
     free[:nv, nv:] = h * np.eye(nv)
@@ -41,13 +54,20 @@ def foretold(
         params = params.replace(**_noise(covariance, h))
     after = model.step(mean, u, params)
     known = solved = after.status == Status.SOLVED
+    A, shown = np.tile(free, (len(mean), 1, 1)), None
     if covariance.any():
         linear = model.linearize(mean, u, params)
         known = solved & (linear.status == Status.SOLVED)
         A = np.where(known[:, None, None], linear.A.astype(float), free)
+        with np.errstate(all="ignore"):
+            lost = ~(np.abs(A @ covariance @ A.swapaxes(1, 2)) < FARTHEST).all(axis=(1, 2))
+        A, known = np.where(lost[:, None, None], free, A), known & ~lost
+    if forces is not None:
+        shown = forces.foretold(mean, covariance, A, u, params)
+    if covariance.any():
         covariance = _symmetric(A @ covariance @ A.swapaxes(1, 2))
     mean = np.where(solved[:, None], after.state.astype(float), mean @ free.T)
-    return Belief(mean, covariance + strayed, failures + ~known)
+    return Belief(mean, covariance + strayed, failures + ~known, shown)
 
 
 def difference(measured: np.ndarray, expected: np.ndarray, period: np.ndarray) -> np.ndarray:
@@ -58,29 +78,46 @@ def difference(measured: np.ndarray, expected: np.ndarray, period: np.ndarray) -
 
 
 def corrected(
-    belief: Belief, off: np.ndarray, places: np.ndarray, variance: np.ndarray
-) -> tuple[Belief, np.ndarray]:
-    """What is known when sensors have been read, (M68), and the covariance of what they were off by.
+    belief: Belief, off: np.ndarray, slopes: np.ndarray, variance: np.ndarray, of_step: np.ndarray
+) -> tuple[Belief, np.ndarray, np.ndarray]:
+    """What is known when sensors have been read, (M68), what they were off by, and its covariance.
 
     Args:
         off: (B, sensors) by what they were off; NaN where one was not read.
-        places: (sensors,) of their states.
+        slopes: (B, sensors, nx) of what they show by states.
         variance: (sensors,) or (B, sensors) of their noise.
+        of_step: (F,) which of them show forces of the step before, (M75); read they have been only where
+            belief.shown says what they show.
 
     Returns:
-        The belief, and (B, sensors, sensors): of a sensor that was not read its noise alone.
+        The belief, `off`, and (B, sensors, sensors): of a sensor that was not read its noise alone.
     """
-    mean, covariance, failures = belief
-    known = np.isfinite(off)
-    off = np.where(known, off, 0.0)
-    noise = variance[..., None] * np.eye(len(places))
-    to_sensors = covariance[:, places] * known[:, :, None]
-    both = to_sensors[:, :, places] * known[:, None, :] + noise
-    gain = np.linalg.solve(both, to_sensors).swapaxes(1, 2)
-    left = np.tile(np.eye(mean.shape[1]), (len(mean), 1, 1))
-    left[:, :, places] -= gain
+    mean, covariance, failures, shown = belief
+    nx, known = mean.shape[1], np.isfinite(off)
+    by = np.where(known, off, 0.0)
+    noise = variance[..., None] * np.eye(by.shape[1])
+    C = slopes
+    if shown is not None:
+        across = shown.across
+        covariance = np.block([[covariance, across], [across.swapaxes(1, 2), shown.covariance]])
+        itself = np.tile(np.eye(by.shape[1])[:, of_step], (len(mean), 1, 1))
+        C = np.concatenate([C, itself], axis=2)
+    C = C * known[:, :, None]
+    to_sensors = C @ covariance
+    both = to_sensors @ C.swapaxes(1, 2) + noise
+    gain = solved(both, to_sensors).swapaxes(1, 2)
+    left = np.eye(covariance.shape[1]) - gain @ C
     covariance = left @ covariance @ left.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2)
-    return Belief(mean + (gain @ off[:, :, None])[:, :, 0], _symmetric(covariance), failures), both
+    mean = mean + (gain @ by[:, :, None])[:, :nx, 0]
+    return Belief(mean, _symmetric(covariance[:, :nx, :nx]), failures), off, both
+
+
+def solved(matrix: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """matrix^-1 rows (.., n, m); where sensors repeat each other beyond rounding, by the pseudo-inverse."""
+    try:
+        return np.linalg.solve(matrix, rows)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(matrix, hermitian=True) @ rows)
 
 
 def spread(process: np.ndarray, h: float) -> np.ndarray:

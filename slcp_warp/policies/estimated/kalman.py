@@ -4,16 +4,21 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from ...description.names import index_of
 from ...description.scene import Scene
 from ...gradients import tape
 from ...inputs.checks import array, instance, number, shown, whole
-from ...inputs.errors import ArgumentError, ArgumentTypeError
+from ...inputs.errors import ArgumentError
 from ...parameters import Parameters
 from ...simulator import Simulator
 from .extended import Belief, corrected, difference, foretold, spread
-from .sensing import LEAST, MOST, by_sensor
+from .forces import Forces
+from .sensing import by_sensor
+from .sensors import MOST, Sensor, Sensors
+
+AGAIN = 3  # times that slopes of sensors that are no states are taken at what they tell
 
 
 class KalmanFilter:
@@ -24,17 +29,19 @@ class KalmanFilter:
 
     Args:
         model: what is believed, a simulator with derivatives; `scene.step_size` is the size of its steps.
-        sensors: state name -> standard deviation of its measurement, 1e-50 to 1e50 [its unit].
+        sensors: state name -> standard deviation of its measurement, 1e-50 to 1e50 [its unit]; or a name of
+            its own -> a `policies.Sensor` of something else: points, distances, forces, a function.
         process: what the model does not know: standard deviation by which a state strays in a second, as
             white noise does (by sqrt(t) in t seconds); by state name, or one number for all velocities, which
             take positions along, (M67) [its unit per root of a second].
         start: standard deviation of the first state, by state name (others 0), (nx,), or one for all.
         x0: (nx,) mean of the first state; None: the scene's.
         params: numbers of the model, one row; None: the simulator's.
-        bias: what a sensor shows beside its state, by the name of the state; None: nothing [its unit].
+        bias: what a sensor shows beside what it is of, by its name; None: nothing [its unit].
 
     Attributes:
-        sensors, places: (sensors,) names and places of the measured states.
+        sensors: (sensors,) their names.
+        sensing: what they show.
         variance, bias: (sensors,) of the sensors.
         process: (nx,) variances of states after a second.
         x0, first: (nx,), (nx, nx) mean and covariance of the first state.
@@ -43,12 +50,13 @@ class KalmanFilter:
     Raises:
         ArgumentError, ArgumentTypeError: names that the scene has not got, numbers out of range.
         OptionError: a model without derivatives.
+        ArgumentError: sensors of forces, and a model in float32, whose differences are noise.
     """
 
     def __init__(
         self,
         model: Simulator,
-        sensors: Mapping[str, float],
+        sensors: Mapping[str, float | Sensor],
         process: Any,
         start: Any = 0.0,
         x0: Any = None,
@@ -58,14 +66,14 @@ class KalmanFilter:
         self.model = instance("model", model, Simulator, "a slcp_warp.Simulator")
         tape.derivatives_exist(model.options.method)
         scene, nx = model.scene, model.nx
-        if not isinstance(sensors, Mapping) or not sensors:
-            raise ArgumentTypeError(f"sensors is {shown(sensors)}; a dict of numbers by state name is needed")
-        self.places = np.array([index_of("a name of sensors", name, scene.state_names) for name in sensors])
-        self.sensors = tuple(scene.state_names[place] for place in self.places)
-        if len(set(self.sensors)) < len(self.sensors):
-            raise ArgumentError(f"sensors names a state twice: {', '.join(self.sensors)}")
-        sds = [number(f"sensors[{name!r}]", sd, LEAST, MOST) for name, sd in sensors.items()]
-        self.variance = np.square(sds)
+        self.sensing = Sensors(scene, sensors)
+        self.sensors, self.variance = self.sensing.names, self.sensing.variance
+        self.forces = Forces(model, self.sensing) if len(self.sensing.of_step) else None
+        if self.forces and model.dtype is not wp.float64:
+            raise ArgumentError(
+                "model is of float32, and sensors are of forces, whose slopes are differences; "
+                "Simulator(..., dtype='float64') is needed"
+            )
         self.bias = by_sensor("bias", bias, self.sensors)
         velocities = np.arange(nx) >= scene.nv
         self.process = np.square(_deviations("process", process, scene, velocities))
@@ -111,20 +119,64 @@ class KalmanFilter:
         params = self.params.replace(step_size=h) if abs(h / self.step_size - 1.0) > 1e-9 else self.params
         strayed = spread(self.process, h)
         for _ in range(steps):
-            belief = foretold(self.model, belief, u, params, h, strayed)
+            belief = foretold(self.model, belief, u, params, h, strayed, self.forces)
         return belief
 
     def correct(self, belief: Belief, measured: Any) -> Belief:
         """What is known when the sensors have been read, (M68); angles count modulo their period.
 
+        Sensors of forces show those of the step before: at the start there are none, and nothing is read.
+
         Args:
             measured: (B, sensors), in their order; NaN where one was not read.
         """
         mean = instance("belief", belief, Belief, "a policies.Belief").mean
-        seen = array("measured", measured, (len(mean), len(self.places)), finite=False)
-        period = np.asarray(self.model.scene.state_period)[self.places]
-        off = difference(seen - self.bias, mean[:, self.places], period)
-        return corrected(belief, off, self.places, self.variance)[0]
+        seen = array("measured", measured, (len(mean), len(self.sensors)), finite=False)
+        return self.surprised(belief, seen - self.bias, self.params, self.variance)[0]
+
+    def surprised(
+        self, belief: Belief, shown: np.ndarray, params: Parameters, variance: np.ndarray
+    ) -> tuple[Belief, np.ndarray, np.ndarray]:
+        """What is known when the sensors have been read, what they were off by, and its covariance.
+
+        Where sensors are no states their slopes are taken again at what they tell, as long as they are met
+        better there (M76).
+
+        Args:
+            shown: (B, sensors) without their biases; NaN where one was not read.
+            params: of the worlds, or one row.
+            variance: (sensors,) or (B, sensors).
+
+        Returns:
+            Belief, (B, sensors) with NaN where one was not read, (B, sensors, sensors).
+        """
+        told, off, both = self._told(belief, belief.mean, shown, params, variance)
+        left = self._left(told, shown, params, variance) if self.sensing.bends else np.zeros(0)
+        for _ in range(AGAIN if self.sensing.bends else 0):
+            again = self._told(belief, told.mean, shown, params, variance)[0]
+            now = self._left(again, shown, params, variance)
+            better = now < left
+            mean = np.where(better[:, None], again.mean, told.mean)
+            covariance = np.where(better[:, None, None], again.covariance, told.covariance)
+            told, left = Belief(mean, covariance, told.failures), np.where(better, now, left)
+        return told, off, both
+
+    def _told(
+        self, belief: Belief, at: np.ndarray, shown: np.ndarray, params: Parameters, variance: np.ndarray
+    ) -> tuple[Belief, np.ndarray, np.ndarray]:
+        """As `surprised`, with slopes at states (B, nx)."""
+        expected = self.sensing.expected(at, params)
+        if belief.shown is not None:
+            expected[:, self.sensing.of_step] = belief.shown.mean
+        slopes = self.sensing.slopes(at, params)
+        off = difference(shown, expected, self.sensing.period)
+        off = off - (slopes @ (belief.mean - at)[:, :, None])[:, :, 0]
+        return corrected(belief, off, slopes, variance, self.sensing.of_step)
+
+    def _left(self, told: Belief, shown: np.ndarray, params: Parameters, variance: np.ndarray) -> np.ndarray:
+        """(B,) by what sensors of states are still off, squared, in deviations of theirs."""
+        off = difference(shown, self.sensing.expected(told.mean, params), self.sensing.period)
+        return np.asarray(np.nansum(off**2 / variance, axis=1))
 
     def estimate(self, measured: Any, controls: Any) -> Belief:
         """A recorded run, looked at afterwards: every estimate from what was measured until then.
@@ -136,7 +188,7 @@ class KalmanFilter:
         Returns:
             Mean (B, N + 1, nx), covariance (B, N + 1, nx, nx) and failures (B,) after N steps.
         """
-        seen = array("measured", measured, ("B", "N + 1", len(self.places)), finite=False)
+        seen = array("measured", measured, ("B", "N + 1", len(self.sensors)), finite=False)
         if not seen.shape[1]:
             raise ArgumentError(f"measured has shape {seen.shape}; that of the start, at least, is needed")
         us = array("controls", controls)

@@ -8,8 +8,7 @@ import numpy as np
 from ...description.names import index_of
 from ...inputs.checks import instance, number, shown
 from ...inputs.errors import ArgumentError, ArgumentTypeError
-
-LEAST, MOST = 1e-50, 1e50  # of standard deviations: their squares are numbers
+from .sensors import MOST
 
 
 def sensors_of(task: Any, given: Any) -> Mapping[str, float]:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....inputs.checks import memory
-from ....policies.estimated.extended import Belief, corrected, difference, foretold, spread
+from ....policies.estimated.extended import Belief, foretold, solved, spread
 from .logs import Logs
 from .unknowns import Unknowns
 
@@ -53,7 +53,6 @@ class Likelihood:
         each = 8 * times * sensors * (sensors + 1)
         memory("measured: the logs of one candidate", runs, each, filter.model.device)
         self._at_once = max(1, LARGEST // (runs * each))
-        self._period = np.asarray(filter.model.scene.state_period)[filter.places]
 
     @property
     def runs(self) -> int:
@@ -64,9 +63,8 @@ class Likelihood:
         """Places (C, size) of numbers z (C, count), with first states as the first measurements tell them."""
         filter, (seen, _, x0) = self.unknowns.filter, self.logs
         belief = Belief(x0, np.tile(filter.first, (self.runs, 1, 1)), np.zeros(self.runs, int))
-        off = difference(seen[:, 0] - filter.bias, x0[:, filter.places], self._period)
-        mean = corrected(belief, off, filter.places, filter.variance)[0].mean
-        starts = (mean - x0)[:, self.starts] / self._deviation
+        known = filter.surprised(belief, seen[:, 0] - filter.bias, filter.params, filter.variance)[0]
+        starts = (known.mean - x0)[:, self.starts] / self._deviation
         return np.concatenate([z, np.tile(starts.ravel(), (len(z), 1))], axis=1)
 
     def first_states(self, places: np.ndarray) -> np.ndarray:
@@ -141,14 +139,16 @@ class Likelihood:
         mean = self.first_states(places).reshape(count * runs, nx)
         belief = Belief(mean, np.zeros((count * runs, nx, nx)), np.zeros(count * runs, int))
         off, both = [], []
+        seen_forces = np.isfinite(seen[:, :, filter.sensing.of_step]).any(axis=(0, 2))
         for k in range(seen.shape[1]):
             if k:
                 u = np.tile(us[:, k - 1], (count, 1))
-                belief = foretold(filter.model, belief, u, params, h, strayed)
+                forces = filter.forces if seen_forces[k] else None
+                belief = foretold(filter.model, belief, u, params, h, strayed, forces)
             shown = np.tile(seen[:, k], (count, 1)) - bias
-            off.append(difference(shown, belief.mean[:, filter.places], self._period))
-            belief, covariance = corrected(belief, off[-1], filter.places, variance)
-            known = np.isfinite(off[-1])
+            belief, by, covariance = filter.surprised(belief, shown, params, variance)
+            off.append(by)
+            known = np.isfinite(by)
             both.append(np.where(known[:, :, None] & known[:, None, :], covariance, np.eye(len(bias[0]))))
         shape = count, runs, seen.shape[1]
         return Surprise(
@@ -162,6 +162,6 @@ def costs(found: Surprise) -> np.ndarray:
     """(C, R) what sensors have in (M70), of candidates that are surprised by so much."""
     off = np.where(np.isfinite(found.off), found.off, 0.0)[..., None]
     with np.errstate(all="ignore"):
-        distance = (off * np.linalg.solve(found.covariance, off)).sum(axis=(-2, -1))
+        distance = (off * solved(found.covariance, off)).sum(axis=(-2, -1))
         size = np.linalg.slogdet(found.covariance)[1]
         return np.asarray(0.5 * (distance + size).sum(axis=2))

@@ -34,7 +34,7 @@ def logs_of(filter: KalmanFilter, measured: Any, controls: Any, x0: Any) -> Logs
     Raises:
         ArgumentError, ArgumentTypeError: what does not fit together.
     """
-    sensors, nu = len(filter.places), filter.model.nu
+    sensors, nu = len(filter.sensors), filter.model.nu
     seen = _runs("measured", measured, sensors)
     us = _runs("controls", controls, nu)
     if len(us) == 1:

@@ -6,6 +6,7 @@ from ....policies import KalmanFilter
 from .logs import Logs
 
 MEMORY = (6.0, 24.0, 96.0)  # steps after which a softened filter has forgotten a state
+SLIGHT = 0.1  # of a sensor's largest slope, below which it is not of a state
 
 
 def softenings(filter: KalmanFilter, logs: Logs) -> list[np.ndarray]:
@@ -18,17 +19,21 @@ def softenings(filter: KalmanFilter, logs: Logs) -> list[np.ndarray]:
     that into w.
     """
     scene, h, count = filter.model.scene, filter.step_size, logs.measured.shape[1]
+    slopes = np.abs(filter.sensing.slopes(logs.x0.mean(axis=0)[None], filter.params)[0])
+    slopes *= slopes >= SLIGHT * slopes.max(axis=1, keepdims=True)
     out = []
     for steps in MEMORY:
         if steps >= count:
             continue
         tau = steps * h
         found: dict[int, float] = {}
-        for place, variance in zip(filter.places, filter.variance):
-            of = place % scene.nv
+        for sensor, place in zip(*np.nonzero(slopes)):
+            of = int(place % scene.nv)
             power = 4 if place < scene.nv else 2
-            wanted = variance * h / tau**power
+            wanted = filter.variance[sensor] / slopes[sensor, place] ** 2 * h / tau**power
             found[of] = min(wanted, found.get(of, np.inf))
+        if not found:
+            break
         units = scene.state_units[: scene.nv]
         same = {unit: [found[i] for i in found if units[i] == unit] for unit in set(units)}
         every = list(found.values())

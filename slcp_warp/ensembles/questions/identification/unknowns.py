@@ -129,7 +129,7 @@ class Unknowns:
         of, (bias, variance, process) = self.filter, self.around(z[None])
         return KalmanFilter(
             of.model,
-            dict(zip(of.sensors, np.sqrt(variance[0]).tolist())),
+            of.sensing.with_noise(np.sqrt(variance[0])),
             dict(zip(of.model.scene.state_names, (process[0] * np.sqrt(of.process)).tolist())),
             dict(zip(of.model.scene.state_names, np.sqrt(np.diag(of.first)).tolist())),
             of.x0,
