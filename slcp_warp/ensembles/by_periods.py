@@ -63,7 +63,8 @@ class OnHost:
     def ask(self, k: int, running: "Running") -> None:
         """Controls of step k, where they are due."""
         if k % self.every == 0 and self._asked.nu:
-            self.held.us.assign(self._asked.controls(k, running.meet().numpy()))
+            felt = running.felt() if self._asked.senses else None
+            self.held.us.assign(self._asked.controls(k, running.meet().numpy(), felt))
 
 
 class Held:
@@ -130,6 +131,10 @@ class Running:
         for each in launches:
             each()
         return shown
+
+    def felt(self) -> np.ndarray:
+        """(B, F) what is felt in the step that was made last, NaN before the first."""
+        return self._table.felt(self.kept.numpy())
 
     def go(self, last: int) -> None:
         """The steps between two questions to the policy, of those before `last`."""

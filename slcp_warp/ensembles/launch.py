@@ -20,7 +20,7 @@ from ..measures import Measure
 from ..measures.tables import MeasureTable, priced
 from ..simulator import Simulator
 from ..stepping.arguments import at_step_size, policy_arrays
-from ..stepping.host import acts_on_host
+from ..stepping.host import acts_on_host, senses_of
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import RECORDED
 from .by_periods import OnHost, by_periods, handed_on
@@ -133,7 +133,8 @@ class Case:
         self._counted = counted_in_steps(draws.disturbances)
         if cost is not None and cost.follows_steps(sim.nx, sim.nu):
             self._counted.append("the cost that is measured")
-        self.table = MeasureTable(measures, sim.scene, failure, cost)
+        senses = senses_of(policy) if acts_on_host(policy) else {}
+        self.table = MeasureTable(measures, sim.scene, failure, cost, tuple(senses.values()))
 
     @property
     def kernel(self) -> wp.Kernel | None:

@@ -37,18 +37,25 @@ class MeasureTable:
     """The measures of a run, looked up in a scene.
 
     Attributes:
-        measures: in the order of their values.
+        measures: in the order of their values, then of what is felt.
         looks_inside: whether one of them is of contacts or tendons.
     """
 
     def __init__(
-        self, measures: Sequence[Measure], scene: Scene, ends: Measure | None = None, cost: Any = None
+        self,
+        measures: Sequence[Measure],
+        scene: Scene,
+        ends: Measure | None = None,
+        cost: Any = None,
+        felt: Sequence[Signal] = (),
     ) -> None:
         """Args:
         ends: one of the measures, a first time: a world ends with the step in which it comes.
         cost: a `costs.Cost`, for measures of it.
+        felt: signals whose value in the last step is kept, too.
         """
-        self.measures, self._scene = tuple(measures), scene
+        self._valued, self._scene = len(measures), scene
+        self.measures = (*measures, *(Measure("final", signal) for signal in felt))
         self._ends = kernels.NONE if ends is None else self.measures.index(ends)
         asked = dict.fromkeys(signal for measure in self.measures for signal in measure.signals())
         since = {signal: Measure("initial", signal.at_start) for signal in asked if signal.since_start}
@@ -187,6 +194,13 @@ class MeasureTable:
         """(B, M) values of the measures from what was kept of them; NaN where no step counted, but for
         `NOTHING`, of steps in which a condition holds.
         """
+        return self._values(kept)[:, : self._valued]
+
+    def felt(self, kept: np.ndarray) -> np.ndarray:
+        """(B, F) of what is felt in the step that was made last; NaN before the first."""
+        return self._values(kept)[:, self._valued :]
+
+    def _values(self, kept: np.ndarray) -> np.ndarray:
         out = np.empty((len(kept), len(self.measures)))
         for j, measure in enumerate(self.measures):
             value, count, second, begin, end = kept[:, j].T

@@ -24,6 +24,7 @@ from ..stepping.kernels import Kernels
 from ..stepping.specialised import taped_policy
 from ..stepping.strategy import current_name
 from ..storage.printed import Printed, Table
+from .felt import Felt
 
 RECORDED = ("controls", "impulse", "gap")
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
@@ -284,5 +285,8 @@ class Simulator(Printed):
         steps = checks.whole("steps", steps)
         h = self.params.matching(params, worlds)["step_size"]
         if acts_on_host(policy):
-            return Controls(Asked(policy, self, np.arange(worlds), np.atleast_1d(h)), None, steps)
+            asked = Asked(policy, self, np.arange(worlds), np.atleast_1d(h))
+            if asked.senses:
+                asked.look = Felt(tuple(asked.senses.values()), Simulated.of(self, params))
+            return Controls(asked, None, steps)
         return Controls(*policy_arrays(at_step_size(policy, h), self, worlds), steps)

@@ -10,8 +10,9 @@ from slcp_warp.kernels.policies.ask import make_ask_kernel
 
 from ..inputs.arrays import ArrayError
 from ..inputs.checks import attribute
+from ..inputs.errors import ArgumentError
 from .arguments import policy_arrays
-from .host import Asked, acts_on_host
+from .host import Asked, acts_on_host, senses_of
 
 
 class Acting(Protocol):
@@ -60,6 +61,11 @@ class OnHost:
     """A policy that acts on the host, asked once a period and held in between, whatever the steps' size."""
 
     def __init__(self, policy: Any, sim: Any, numbers: np.ndarray, step_size: float) -> None:
+        if senses_of(policy):
+            raise ArgumentError(
+                f"policy is a {type(policy).__name__} with senses, behind another one, which has states for "
+                "it and nothing to feel; a policy without senses is needed"
+            )
         self.asked = Asked(policy, sim, numbers, np.array([step_size]))
         self.held = np.zeros((len(numbers), sim.nu))
         self.periods = -1  # that had begun when it was asked last

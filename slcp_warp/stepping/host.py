@@ -2,6 +2,7 @@
 
 import inspect
 import math
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -9,6 +10,10 @@ import numpy as np
 from ..inputs.arrays import ArrayError
 from ..inputs.checks import attribute, number, numeric, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from ..measures.signals import OF_CONTACTS, OF_TENDONS, Signal
+
+OF_STEPS = (*OF_CONTACTS, OF_TENDONS)
+NOT_FELT = ("function", "cost", "time")  # signals
 
 
 class HostPolicy(Protocol):
@@ -16,9 +21,11 @@ class HostPolicy(Protocol):
 
     Attributes:
         period: between two questions [s], rounded to whole steps; None, or missing: a step.
+        senses: by name signals of contacts and tendons (`slcp_warp.measures`), which `feel` is told.
     """
 
     period: float | None
+    senses: Mapping[str, Signal]
 
     def begin(self, sim: Any, worlds: np.ndarray, step_size: float) -> None:
         """A rollout begins, or a chunk of a sweep: what is remembered of worlds is to be forgotten.
@@ -27,6 +34,11 @@ class HostPolicy(Protocol):
             sim: the simulator that steps them.
             worlds: their numbers (B,), through all chunks of a sweep.
             step_size: of their steps [s]; a `begin` of two arguments is not told.
+        """
+
+    def feel(self, shown: dict[str, np.ndarray]) -> None:
+        """Before every question: what `senses` names, (B,) each, in the step that was made last; NaN before
+        the first.
         """
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
@@ -46,11 +58,38 @@ def steps_between(policy: Any, step_size: float) -> int:
     return max(1, math.floor(number("policy.period", period, 0.0, above=True) / step_size + 0.5))
 
 
+def senses_of(policy: Any) -> dict[str, Signal]:
+    """What a policy on the host feels, by name.
+
+    Raises:
+        ArgumentError, ArgumentTypeError: what is no signal of contacts or tendons, nobody to feel it.
+    """
+    given = attribute(policy, "senses")
+    if not given:
+        return {}
+    if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
+        raise ArgumentTypeError(f"policy.senses is {shown(given)}; a dict of signals by name is needed")
+    for name, signal in given.items():
+        if not isinstance(signal, Signal) or not any(each.kind in OF_STEPS for each in signal.parts()):
+            raise ArgumentTypeError(
+                f"policy.senses[{name!r}] is {shown(signal)}; a signal of contacts or tendons, of "
+                "slcp_warp.measures, is needed"
+            )
+        if any(each.kind in NOT_FELT for each in signal.parts()):
+            raise ArgumentError(f"policy.senses[{name!r}] is {signal!r}; it has no value in rollouts")
+    if not callable(attribute(policy, "feel")):
+        raise ArgumentTypeError(f"policy is a {type(policy).__name__} with senses; it needs a method `feel`")
+    return dict(given)
+
+
 class Asked:
     """A policy on the host in one rollout, or one chunk of a sweep.
 
     Attributes:
         every: steps between two questions.
+        senses: what it feels, by name.
+        look: of a rollout, what gives that, (B, F), from a step: states before, controls, states after,
+            impulses, gaps and status; None: it feels nothing, or is told otherwise.
 
     Raises:
         ArgumentError: worlds whose step sizes differ, which have no time in common.
@@ -65,18 +104,24 @@ class Asked:
         self.policy, self.nu, self.worlds = policy, sim.nu, worlds
         self.h = float(step_sizes[0]) if len(step_sizes) else sim.scene.step_size
         self.every = steps_between(policy, self.h)
+        self.senses = senses_of(policy)
+        self.look: Callable[..., np.ndarray] | None = None
         begin = attribute(policy, "begin")
         if begin is not None:
             if not callable(begin):
                 raise ArgumentTypeError(f"policy.begin is {shown(begin)}; a function is needed")
             begin(*(sim, worlds, self.h)[: 3 if _takes_size(begin) else 2])
 
-    def controls(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Controls (B, nu) of states (B, nx) at step k.
+    def controls(self, k: int, x: np.ndarray, felt: np.ndarray | None = None) -> np.ndarray:
+        """Controls (B, nu) of states (B, nx) at step k, and of what was felt in the last one, (B, F); None:
+        nothing yet.
 
         Raises:
             ArgumentError, ArrayError: what came back is no such array of finite numbers.
         """
+        if self.senses:
+            felt = np.full((len(x), len(self.senses)), np.nan) if felt is None else felt
+            self.policy.feel(dict(zip(self.senses, felt.T.copy())))
         return told(self.policy, x.astype(np.float64), k * self.h, self.worlds, self.nu)
 
 

@@ -42,10 +42,13 @@ def rollout_by_steps(
     single = StepArrays(a.table, state, us, a.external, warm, after, impulse, gap, multiplier, code)
     settle = make_settle_kernel(dtype)
     copy_rows(state, a.states[:, 0])
+    felt = None
     for k in range(steps):
         if k % policy.every == 0 and s.nu:
-            us.assign(policy.controls(k, state.numpy()))
+            us.assign(policy.controls(k, state.numpy(), felt))
         step(single)
+        if policy.look is not None and (k + 1) % policy.every == 0:
+            felt = policy.look(*(each.numpy() for each in (state, us, after, impulse, gap, code)))
         found = [us, after, impulse, gap, multiplier, code]
         kept = [state, warm, a.states, a.controls, a.impulse, a.gap, a.status]
         launch(settle, worlds, [k, *found, *kept], device)

@@ -408,8 +408,6 @@ def holding(task):
         (lambda: of_arm(bias={"wrist": 0.1}), ArgumentError, "a name of bias is 'wrist'"),
         (lambda: KalmanFilter(slcp.Simulator(BALL, device="cpu", dtype="float32"), LOAD, 0.1),
          ArgumentError, "model is of float32, and sensors are of forces"),
-        (lambda: Estimated(policies.Linear(np.zeros((1, 2))), KalmanFilter(simulator(BALL), LOAD, 0.1)),
-         ArgumentError, "filter has sensors of forces, load, and a run shows states"),
     ],
 )  # fmt: skip
 def test_errors_name_what_came(make, error, text):

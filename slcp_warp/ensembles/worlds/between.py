@@ -17,7 +17,7 @@ from ...inputs.errors import ArgumentError
 from ...policies.around import LONGEST, Around
 from ...policies.observed import Observation, Observed
 from ...simulator import Simulator
-from ...stepping.host import acts_on_host
+from ...stepping.host import acts_on_host, senses_of
 from ...tasks.disturbances import Disturbances, Uniform
 from ...tasks.task import Task
 
@@ -73,6 +73,9 @@ class OfHost:
         begin = attribute(policy, "begin")
         if begin is not None:
             self.begin = begin
+        self.senses = senses_of(policy)
+        if self.senses:
+            self.feel = policy.feel
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
         """Controls of the states x (B, nx)."""

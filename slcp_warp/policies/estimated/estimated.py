@@ -1,5 +1,6 @@
 """A policy that sees what a Kalman filter makes of a few noisy sensors, in place of the state."""
 
+import copy
 import threading
 from typing import Any
 
@@ -68,12 +69,6 @@ class Estimated:
         seed: int = 0,
     ) -> None:
         self.filter = instance("filter", filter, KalmanFilter, "a policies.KalmanFilter")
-        if filter.forces is not None:
-            names = ", ".join(filter.sensors[i] for i in filter.sensing.of_step)
-            raise ArgumentError(
-                f"filter has sensors of forces, {names}, and a run shows states to its policies; sensors of "
-                "states are needed here (logs have forces: KalmanFilter.estimate, slcp.identify)"
-            )
         self.delay, self.keep = number("delay", delay, 0.0), flag("keep", keep)
         self.seed = whole("seed", seed, 0)
         self.foresee = not attribute(policy, "lag") if foresee is None else flag("foresee", foresee)
@@ -91,6 +86,19 @@ class Estimated:
         self.period = own if period is None else number("period", period, 0.0, above=True)
         self.belief: Belief | None = None
         self.kept: list[tuple[float, Belief]] = []
+        self._ahead = copy.copy(self.filter)
+        self._ahead.forces = None  # what is foretold of later is not read
+        self._felt: dict[str, np.ndarray] = {}
+
+    @property
+    def senses(self) -> dict[str, Any]:
+        """Sensors of forces, whose signals a run tells (`policies.HostPolicy`)."""
+        sensing = self.filter.sensing
+        return {sensing.names[i]: sensing.every[i].of for i in sensing.of_step}
+
+    def feel(self, shown: dict[str, np.ndarray]) -> None:
+        """What sensors of forces show of the step before."""
+        self._felt = shown
 
     def __repr__(self) -> str:
         return f"<Estimated {self.policy!r} behind {self.filter!r}>"
@@ -167,6 +175,7 @@ class Estimated:
         h = sim.scene.step_size if step_size is None else step_size
         self._late = h * nearest_steps("delay", self.delay, h) if self.delay else 0.0
         self._inner: Acting = acting(self.policy, self.filter.model, numbers, self.filter.step_size)
+        self._felt = {}
         self._sent = Sent(np.tile(self.before, (len(numbers), 1)), self._late, 1e-6 * self.filter.step_size)
         self._last: float | None = None  # when it was asked
         self._thread = threading.get_ident()
@@ -181,21 +190,21 @@ class Estimated:
             raise ArgumentError("this policy is in a run of another thread; give each a copy of its own")
         belief = self.belief
         if self._last is not None:
-            belief = self._until(belief, self._last, time)
-        self.belief = belief = self.filter.correct(belief, self._readings.of(x, time))
+            belief = self._until(self.filter, belief, self._last, time)
+        self.belief = belief = self.filter.correct(belief, self._readings.of(x, time, self._felt))
         if self.keep:
             self.kept.append((time, belief))
         acts = time
         if self.foresee and self._late:
-            acts, belief = time + self._late, self._until(belief, time, time + self._late)
+            acts, belief = time + self._late, self._until(self._ahead, belief, time, time + self._late)
         step = round(acts / self.filter.step_size)
         u = np.clip(self._inner.controls(belief.mean, step, acts), *self._within)
         self._sent.send(time, u)
         self._last = time
         return u
 
-    def _until(self, belief: Belief, begin: float, end: float) -> Belief:
+    def _until(self, filter: KalmanFilter, belief: Belief, begin: float, end: float) -> Belief:
         """What is believed after the controls that act between two times."""
         for u, seconds in self._sent.acting(begin, end):
-            belief = self.filter.predict(belief, u, seconds)
+            belief = filter.predict(belief, u, seconds)
         return belief

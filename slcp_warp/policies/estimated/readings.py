@@ -37,19 +37,23 @@ class Readings:
         self._begun = np.full(len(sensors), -1.0)  # how often it had been due, when it was read last
         self._questions = 0
 
-    def of(self, x: np.ndarray, time: float) -> np.ndarray:
-        """(B, S) of states (B, nx) at a time [s], NaN where one is not read."""
+    def of(self, x: np.ndarray, time: float, felt: dict[str, np.ndarray]) -> np.ndarray:
+        """(B, S) of states (B, nx) at a time [s], and of what was felt in the step before, by name; NaN where
+        one is not read.
+        """
         out = self._sensors.expected(x)
+        for i in self._sensors.of_step:
+            out[:, i] = felt[self._sensors.names[i]]
         if self._draws:
             normal = self._normal(len(x))
             out = out + self._noise * normal[:, : len(self._sensors)]
             out[normal[:, len(self._sensors) :] < self._lost] = np.nan
-        for i, each in enumerate(self._sensors.every):
+        for sensor, each in enumerate(self._sensors.every):
             if each.every > 0.0:
                 begun = math.floor(time / each.every + SAME)
-                if begun == self._begun[i]:
-                    out[:, i] = np.nan
-                self._begun[i] = begun
+                if begun == self._begun[sensor]:
+                    out[:, sensor] = np.nan
+                self._begun[sensor] = begun
         return out
 
     def _normal(self, worlds: int) -> np.ndarray:
