@@ -1,5 +1,6 @@
 """A task as an environment of reinforcement learning: many worlds, each in an episode of its own."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from ...inputs import checks
 from ...inputs.errors import ArgumentError
 from ...inputs.limits import limit_rows
 from ...inputs.times import nearest_steps
+from ...measures.signals import Signal
 from ...options import Options, Status
 from ...simulator import Simulator
 from ...storage.printed import Printed
@@ -55,10 +57,13 @@ AUTORESETS = ("same_step", "next_step")
 
 
 class Echo:
-    """A policy on the host that shows what it is given."""
+    """A policy on the host that shows what it is given, and feels what a run's kernels then keep."""
 
-    def __init__(self, period: float | None) -> None:
-        self.period = period
+    def __init__(self, period: float | None, senses: Mapping[str, Signal]) -> None:
+        self.period, self.senses = period, senses
+
+    def feel(self, shown: dict[str, np.ndarray]) -> None:
+        """An environment reads what is felt itself."""
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> np.ndarray:
         """The observation itself."""
@@ -81,6 +86,8 @@ class Environment(Printed):
         reward: a measure that adds up over the steps (`measures.total`, `integral`, `impulse`), whose growth
             is paid; None: the task's cost, negative, the final cost with the last step.
         period: between two controls [s], rounded to whole steps; None: a step, or the task's hold.
+        senses: by name signals of contacts and tendons (`slcp_warp.measures`), whose values in the step that
+            was made last are observed behind the states, 0 at an episode's start.
         autoreset: when the next episode of a slot begins: "same_step", with the step that ends the last one,
             or "next_step", with the one after it, which makes no step in this slot.
         step_size: [s]; None: the scene's.
@@ -109,6 +116,7 @@ class Environment(Printed):
         case: Options | None = None,
         reward: Any = None,
         period: float | None = None,
+        senses: Mapping[str, Signal] | None = None,
         autoreset: str = "same_step",
         step_size: float | None = None,
         dtype: str = "float32",
@@ -132,7 +140,7 @@ class Environment(Printed):
         task.disturbances.check_kicks(self._h, task.duration)
         if period is not None:
             checks.number("period", period, 0.5 * self._h, above=True)
-        self._echo = Echo(period)
+        self._echo = Echo(period, {} if senses is None else senses)
         self.autoreset = checks.choice("autoreset", autoreset, AUTORESETS)
         self.sim = Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
         self.dtype = np.dtype(wp.dtype_to_numpy(self.sim.dtype))
@@ -264,7 +272,8 @@ class Environment(Printed):
         state = self._running.meet().numpy().astype(np.float64)
         policy: Any = self._case.policy
         seen: np.ndarray = policy.act(state, 0.0, self._numbers)
-        return seen.astype(self.dtype)
+        felt = np.nan_to_num(self._running.felt()) if self._echo.senses else np.zeros((len(seen), 0))
+        return np.concatenate([seen, felt], axis=1).astype(self.dtype)
 
     def __reduce__(self) -> Any:
         raise TypeError("an Environment cannot be copied or pickled; make another one of its task")

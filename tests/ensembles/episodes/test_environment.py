@@ -220,6 +220,33 @@ def test_what_is_observed_may_be_a_function(device):
     assert env.observations == 2 and states.observations == 8
 
 
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
+def test_what_is_felt_is_observed_behind_the_states(device, strategy):
+    """By it a learner meets the worlds of a sweep whose policy feels the same."""
+    touch = {"touch": m.normal_force(), "pushed": m.contact()}
+    given = {"dtype": "float64", "device": device, "strategy": strategy, "seed": SEED}
+    options, own = slcp.Options(residual="hard"), task()
+
+    def feeling(y, time, felt):
+        return (
+            control(y) - 0.3 * np.nan_to_num(felt["touch"])[:, None] + np.nan_to_num(felt["pushed"])[:, None]
+        )
+
+    report = slcp.sweep(
+        own, slcp.policies.Callback(feeling, senses=touch), worlds=WORLDS, cases=options, **given
+    )
+    env = slcp.Environment(own, WORLDS, case=options, senses=touch, **given)
+    assert env.observations == 5
+    first = env.reset()
+    np.testing.assert_array_equal(first[:, 3:], 0.0)
+    found, moments = played(env, first, WORLDS, lambda y: control(y[:, :3]) - 0.3 * y[:, 3:4] + y[:, 4:])
+    seen = np.concatenate([each.last for each in moments])
+    assert set(np.unique(seen[:, 4])) == {0.0, 1.0} and np.ptp(seen[:, 3]) > 0.1
+    expected = report.part("policy")
+    for name in ("x", "push", "success"):
+        np.testing.assert_array_equal(found[name][:WORLDS], expected[name])
+
+
 @pytest.mark.parametrize("period", [0.8, 1e9, 1e15])
 def test_a_period_longer_than_an_episode_is_all_of_it(device, period):
     plain = task(slcp.Disturbances(velocity=0.1), failure=None)
