@@ -1,15 +1,17 @@
 """`slcp identify`: a mechanism's numbers from logs."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import slcp_warp as slcp
 from slcp_warp.policies import KalmanFilter
+from slcp_warp.storage.python import python_name
 from slcp_warp.storage.rows import save_rows
 
 from ..support.options import DEFAULT_SCENE, Device, SceneName, Seed, Settings, Start, StepSize
+from ..support.policies import of_python
 from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.simulators import make_params, make_simulator, named_scene, parse_settings, start_state
@@ -21,7 +23,12 @@ HEAD = ("name", "value", "low", "high", "deviation_left")
 @with_rules
 def identify_command(
     logs: Annotated[list[Path], typer.Argument(help="Tables, .csv: time, sensors and controls by name.")],
-    sensor: Annotated[list[str], typer.Option(help="name=standard deviation, a state that is measured.")],
+    sensor: Annotated[
+        list[str],
+        typer.Option(
+            help="name=standard deviation, of a measured state; or file.py:name, a dict of sensors."
+        ),
+    ],
     process: Annotated[
         float, typer.Option(help="By which velocities stray from the model in a second, about.")
     ],
@@ -52,7 +59,7 @@ def identify_command(
     sim = make_simulator(named_scene(scene), rules, device)
     x0 = None if start is None else start_state(sim.scene, start, sim.scene.x0)
     filter = KalmanFilter(
-        sim, parse_settings(sensor, "--sensor"), process, parse_settings(start_spread, "--start-spread"), x0,
+        sim, _sensors(sensor), process, parse_settings(start_spread, "--start-spread"), x0,
         make_params(sim, step_size, None, settings),
     )  # fmt: skip
     measured, controls = zip(*(slcp.load_log(log, filter) for log in logs))
@@ -73,6 +80,18 @@ def identify_command(
         for line in fit.told():
             console.print(f"  ! {line}", markup=False, highlight=False)
     wrote(path)
+
+
+def _sensors(given: list[str]) -> dict[str, Any]:
+    """Sensors by name, of "name=sd" and of "file.py:name"."""
+    found: dict[str, Any] = parse_settings([each for each in given if not of_python(each)], "--sensor")
+    for each in filter(of_python, given):
+        file, _, name = each.rpartition(":")
+        sensors, _ = python_name(Path(file), name)
+        if not isinstance(sensors, dict):
+            raise ValueError(f"--sensor: {name!r} of {file} is a {type(sensors).__name__}; a dict is needed")
+        found |= sensors
+    return found
 
 
 def _law(text: str) -> tuple[str, slcp.LogNormal | slcp.Uniform]:

@@ -19,6 +19,7 @@ from .sensing import by_sensor
 from .sensors import MOST, Sensor, Sensors
 
 AGAIN = 3  # times that slopes of sensors that are no states are taken at what they tell
+NEAR = 0.01  # of a deviation, by which that changes no more
 
 
 class KalmanFilter:
@@ -150,32 +151,34 @@ class KalmanFilter:
         Returns:
             Belief, (B, sensors) with NaN where one was not read, (B, sensors, sensors).
         """
-        told, off, both = self._told(belief, belief.mean, shown, params, variance)
-        left = self._left(told, shown, params, variance) if self.sensing.bends else np.zeros(0)
+        told, off, both = self._told(belief, belief.mean, shown, params, variance)[:3]
         for _ in range(AGAIN if self.sensing.bends else 0):
-            again = self._told(belief, told.mean, shown, params, variance)[0]
-            now = self._left(again, shown, params, variance)
-            better = now < left
+            again, _, _, left = self._told(belief, told.mean, shown, params, variance)
+            sd = np.sqrt(np.maximum(np.diagonal(again.covariance, axis1=1, axis2=2), 0.0))
+            if (np.abs(again.mean - told.mean) <= NEAR * sd).all():
+                break
+            expected = self.sensing.expected(again.mean, params)
+            better = self._left(expected, shown, variance) < left
             mean = np.where(better[:, None], again.mean, told.mean)
-            covariance = np.where(better[:, None, None], again.covariance, told.covariance)
-            told, left = Belief(mean, covariance, told.failures), np.where(better, now, left)
+            told = Belief(mean, np.where(better[:, None, None], again.covariance, told.covariance),
+                          told.failures)  # fmt: skip
         return told, off, both
 
     def _told(
         self, belief: Belief, at: np.ndarray, shown: np.ndarray, params: Parameters, variance: np.ndarray
-    ) -> tuple[Belief, np.ndarray, np.ndarray]:
-        """As `surprised`, with slopes at states (B, nx)."""
-        expected = self.sensing.expected(at, params)
+    ) -> tuple[Belief, np.ndarray, np.ndarray, np.ndarray]:
+        """As `surprised`, with slopes at states (B, nx), and (B,) by what sensors are off there."""
+        expected, slopes = self.sensing.seen(at, params)
+        left = self._left(expected, shown, variance)
         if belief.shown is not None:
             expected[:, self.sensing.of_step] = belief.shown.mean
-        slopes = self.sensing.slopes(at, params)
         off = difference(shown, expected, self.sensing.period)
         off = off - (slopes @ (belief.mean - at)[:, :, None])[:, :, 0]
-        return corrected(belief, off, slopes, variance, self.sensing.of_step)
+        return *corrected(belief, off, slopes, variance, self.sensing.of_step), left
 
-    def _left(self, told: Belief, shown: np.ndarray, params: Parameters, variance: np.ndarray) -> np.ndarray:
-        """(B,) by what sensors of states are still off, squared, in deviations of theirs."""
-        off = difference(shown, self.sensing.expected(told.mean, params), self.sensing.period)
+    def _left(self, expected: np.ndarray, shown: np.ndarray, variance: np.ndarray) -> np.ndarray:
+        """(B,) by what sensors of states are off, squared, in deviations of theirs."""
+        off = difference(shown, expected, self.sensing.period)
         return np.asarray(np.nansum(off**2 / variance, axis=1))
 
     def estimate(self, measured: Any, controls: Any) -> Belief:

@@ -151,14 +151,21 @@ class Sensors:
 
     def slopes(self, states: np.ndarray, params: Parameters | None = None) -> np.ndarray:
         """(B, S, nx) of what they show by states (B, nx), 0 of those of a step: C of (M68)."""
-        out = np.tile(self._selected, (len(states), 1, 1))
+        return self.seen(states, params)[1]
+
+    def seen(self, states: np.ndarray, params: Parameters | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """`expected` and `slopes` together."""
+        expected = np.where(self.places >= 0, states[:, self.places], np.nan)
+        slopes = np.tile(self._selected, (len(states), 1, 1))
         if self._others:
             known = np.isfinite(states).all(axis=1)
             around, twice = moved(np.where(known[:, None], states, self.scene.x0))
             for i in self._others:
-                values = self._values(self.every[i], around, params)[:, 1:].reshape(len(states), 2, -1)
-                out[:, i] = (values[:, 0] - values[:, 1]) / twice
-        return out
+                values = self._values(self.every[i], around, params)
+                expected[:, i] = np.where(known, values[:, 0], np.nan)
+                forth, back = np.split(values[:, 1:], 2, axis=1)
+                slopes[:, i] = (forth - back) / twice
+        return expected, slopes
 
     def _values(self, sensor: Sensor, states: np.ndarray, params: Parameters | None) -> np.ndarray:
         """(B, M) of states (B, M, nx); NaN of those that are not finite."""
