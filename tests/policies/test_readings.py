@@ -1,0 +1,110 @@
+"""What a filter's sensors show in a run: noise, rates, losses, by world; feedback by a camera."""
+
+from dataclasses import replace
+
+import numpy as np
+from test_sensors import ARM, TIP, H, by_hand, simulator
+
+import slcp_warp as slcp
+from slcp_warp import measures as m
+from slcp_warp import policies
+from slcp_warp.policies import Estimated, KalmanFilter, Sensor
+
+STILL = replace(ARM, gravity=(0.0, 0.0), name="still arm")
+STEPS = 40
+READ = {
+    "tip": Sensor(m.point(TIP, "x"), 0.02),
+    "again": Sensor(m.point(TIP, "x"), 0.02, every=3 * H),
+    "far": Sensor("fore.angle", 0.5, lost=0.25),
+    "upper.angle": 0.1,
+}
+
+
+def readings(numbers, sensors=READ, noise=0.0, **given):
+    """(worlds, questions, sensors) that a filter is given of an arm that does not move."""
+    read = []
+
+    class Reader(KalmanFilter):
+        def correct(self, belief, measured):
+            read.append(np.array(measured))
+            return super().correct(belief, measured)
+
+    of = slcp.Task(
+        "still", STILL, duration=STEPS * H, start=np.zeros(4), options=slcp.Options("hard"),
+        disturbances=slcp.Disturbances(sensor=noise), success=m.final(0) < 9.0,
+    )  # fmt: skip
+    policy = Estimated(policies.Linear(np.zeros((2, 4))), Reader(simulator(STILL), sensors, 0.1), **given)
+    drawn = slcp.draw_worlds(of, numbers, seed=3, dtype="float64", device="cpu")
+    slcp.replay(of, policy, drawn, device="cpu", dtype="float64", seed=3)
+    return np.stack(read, axis=1)
+
+
+def test_a_run_is_read_with_noise_now_and_then_and_not_always():
+    found = readings(list(range(300)))
+    assert found.shape == (300, STEPS, 4)
+    np.testing.assert_array_equal(found[:, :, 3], 0.0, "a number's noise is the task's, which has none")
+    due = np.arange(STEPS) % 3 == 0
+    assert np.isfinite(found[:, due, 1]).all() and np.isnan(found[:, ~due, 1]).all()
+    lost = np.isnan(found[:, :, 2])
+    assert abs(lost.mean() - 0.25) < 0.02 and np.isfinite(found[:, :, 0]).all()
+    off = [
+        found[:, :, 0] - by_hand(np.zeros((1, 4)))[0, 0],
+        found[:, due, 1] - by_hand(np.zeros((1, 4)))[0, 0],
+    ]
+    off += [found[:, :, 2][~lost]]
+    for own, sd in zip(off, (0.02, 0.02, 0.5)):
+        assert abs(own.mean()) < 4.0 * sd / np.sqrt(own.size)
+        assert abs(own.std() / sd - 1.0) < 4.0 / np.sqrt(2.0 * own.size)
+    assert abs(np.corrcoef(off[0][:, due].ravel(), off[1].ravel())[0, 1]) < 0.06
+    assert abs(np.corrcoef(off[0][:, 1:].ravel(), off[0][:, :-1].ravel())[0, 1]) < 0.04
+
+
+def test_a_world_reads_the_same_whatever_runs_beside_it():
+    whole = readings(list(range(20)))
+    np.testing.assert_array_equal(readings([17, 5]), whole[[17, 5]])
+    np.testing.assert_array_equal(readings(list(range(20)), seed=0), whole)
+    assert (readings(list(range(20)), seed=1)[:, :, 0] != whole[:, :, 0]).all()
+
+
+def test_states_are_read_as_the_run_shows_them():
+    """A task's noise on states is in what points show, beside the noise of the sensor."""
+    found = readings(list(range(200)), {"turned": Sensor(m.state("fore.angle"), 1e-9)}, noise=0.3)
+    assert abs(found.std() / 0.3 - 1.0) < 0.05
+
+
+def test_runs_of_one_policy_begin_anew():
+    """A filter that reads its camera every three questions does so from the first on, in every run."""
+    sim = simulator(STILL)
+    policy = Estimated(policies.Linear(np.zeros((2, 4))), KalmanFilter(sim, READ, 0.1), keep=True)
+    runs = []
+    for _ in range(2):
+        sim.rollout(np.zeros((3, 4)), policy=policy, steps=10)
+        runs.append(np.stack([belief.mean for _, belief in policy.kept]))
+    np.testing.assert_array_equal(*runs)
+
+
+def test_feedback_by_a_marker_alone():
+    """A camera of the tip, at a third of the rate and with a fifth of its pictures lost, holds an arm up."""
+    task = slcp.Task(
+        "up", ARM, duration=1.5, start=[0.3, 1.6, 0.0, 0.0], options=slcp.Options("hard"),
+        disturbances=slcp.Disturbances(start=dict.fromkeys(ARM.state_names, 0.05)),
+        success=m.largest(abs(m.since_start("fore.angle"))) < 0.5,
+        control_limits=(-40.0, 40.0),
+    )  # fmt: skip
+    hold = holding(task)
+    camera = {"every": 3 * H, "lost": 0.2}
+    marks = {axis: Sensor(m.point(TIP, axis), 0.002, **camera) for axis in ("x", "y")}
+    seeing = Estimated.of_task(task, hold, marks, 0.3)
+    blind = Estimated.of_task(task, hold, {"x": Sensor(m.point(TIP, "x"), 50.0, **camera)}, 0.3)
+    found = slcp.sweep(task, {"sees": seeing, "blind": blind}, worlds=40, dtype="float64", device="cpu")
+    share = {name: found.part(name, arm="disturbed")["success"].mean() for name in ("sees", "blind")}
+    assert share["sees"] == 1.0 and share["blind"] < 0.5
+
+
+def holding(task):
+    """Feedback about the start, with the torques that hold it there."""
+    x0, sim = np.asarray(task.start)[0], simulator(ARM)
+    free = np.asarray(sim.step(x0[None], np.zeros((1, 2))).state)[0, 2:] / H
+    B = np.asarray(sim.linearize(x0[None], np.zeros((1, 2))).B)[0, 2:] / H
+    gain = -np.concatenate([100.0 * np.eye(2), 20.0 * np.eye(2)], axis=1)
+    return policies.Linear(np.linalg.solve(B, gain), x0, -np.linalg.solve(B, free))
