@@ -43,10 +43,10 @@ def read_csv(path: Path, what: str, needed: tuple[str, ...]) -> list[dict[str, s
     with reading(path, what, FileError):
         text = read_text(path, MOST_TABLE)
         lines = list(csv.reader(io.StringIO(text, newline="")))
-        header = lines[0] if lines else []
+        header = [name.strip() for name in lines[0]] if lines else []
         missing = [name for name in needed if name not in header]
         if missing:
-            raise FileError(f"it has no columns {', '.join(missing)}")
+            raise FileError(f"it has no columns {', '.join(missing)}; it has {', '.join(header)!r:.200}")
         if len(set(header)) < len(header):
             raise FileError("two of its columns have the same name")
         if len(lines) < 2:

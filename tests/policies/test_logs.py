@@ -8,6 +8,7 @@ from test_identify import CART, H, cart, carts
 from typer.testing import CliRunner
 
 import slcp_warp as slcp
+from slcp_warp import policies
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.scripts.app import app
 from slcp_warp.storage.files import FileError
@@ -92,3 +93,107 @@ def test_the_command_finds_what_python_finds(tmp_path):
     for bad in ("cart.mass=heavy", "cart.mass"):
         run = CliRunner().invoke(app, [bad if each == "cart.mass=0.5" else each for each in given])
         assert run.exit_code != 0 and "--parameter is" in run.output.replace("\n", " ")
+
+
+PENDULUM = slcp.Scene(
+    "pendulum",
+    bodies=(slcp.Body("link", 1.0, 0.02, com=(0.25, 0.0), damping=0.05),),
+    actuators=(slcp.Actuator("link"),),
+    step_size=0.01,
+)
+
+
+def swung(rng, shift=0, runs=2, steps=150, **truth):
+    """A filter of a pendulum, and logs of one with other numbers; controls stand `shift` steps too early."""
+    sim = slcp.Simulator(PENDULUM, slcp.Options("hard"), device="cpu", dtype="float64")
+    us = 3.0 * np.sin(np.linspace(0.0, 9.0, steps) + rng.uniform(0.0, 6.0, (runs, 1)))[:, :, None]
+    us += 2.0 * rng.normal(size=us.shape)
+    run = sim.rollout(np.zeros((runs, 2)), us, sim.params.replace(**truth))
+    seen = run.states[:, :, :1] + 0.002 * rng.normal(size=(runs, steps + 1, 1))
+    filter = policies.KalmanFilter(sim, {"link.angle": 0.002}, 0.02, x0=(0.0, 0.0))
+    return filter, seen, np.concatenate([us[:, shift:], us[:, :shift]], axis=1)
+
+
+FEW = {"candidates": 8, "starts": 1, "draws": 16}
+
+
+def test_mass_and_inertia_are_one_number_or_two():
+    truth = {"link.mass": 1.3, "link.inertia": 0.02}
+    filter, seen, us = swung(np.random.default_rng(0), **truth)
+    before = {"link.mass": 0.5, "link.inertia": 0.5}
+    tied = slcp.identify(filter, seen, us, before, **FEW)
+    assert (
+        tied.names == ("link.mass",) and not tied.values["link.mass"][1] < 1.3 < tied.values["link.mass"][2]
+    )
+    assert "mass and inertia of link are one number here, as in drawn worlds; tied=False" in str(tied)
+    apart = slcp.identify(filter, seen, us, before, tied=False, **FEW)
+    assert apart.names == ("link.mass", "link.inertia") and "one number here" not in str(apart)
+    for name, true in truth.items():
+        value, low, high = apart.values[name]
+        assert abs(np.log(true / value)) < 1.5 * np.log(high / low), name
+    drawn = apart.draw(500)
+    z = np.log([drawn["link.mass"], drawn["link.inertia"]])
+    np.testing.assert_allclose(np.corrcoef(z)[0, 1], apart.correlation[0, 1], atol=0.15)
+    said = slcp.identify(filter, seen, us, {"link.mass, link.inertia": 0.5}, tied=False, **FEW)
+    assert len(said.names) == 1 and "one number here" not in str(said)
+
+
+@pytest.mark.parametrize("shift, told", [(1, "1 step later"), (-2, "2 steps earlier"), (0, None)])
+def test_controls_of_another_step_are_told(shift, told):
+    filter, seen, us = swung(np.random.default_rng(1), shift, **{"link.mass": 1.2})
+    found = slcp.identify(filter, seen, us, {"link.mass": 0.5}, process_noise=1.0, **FEW)
+    text = str(found)
+    assert ("explain the logs better" in text) == (told is not None)
+    assert told is None or f"controls that act {told} explain the logs better, by" in text
+
+
+def test_odd_sensors_and_starts_are_told():
+    filter, seen, us = swung(np.random.default_rng(2))
+    degrees = slcp.identify(filter, np.rad2deg(seen), us, {"link.mass": 0.5}, **FEW)
+    assert "link.angle spans " in str(degrees) and " rad (degrees?)" in str(degrees)
+    still = slcp.identify(filter, 0.0 * seen + 0.3, us, {"link.mass": 0.5}, **FEW)
+    assert "link.angle stands still: 0.3 in all of 302 readings" in str(still)
+    model, off = filter.model, {"link.angle": 0.01}
+    far = policies.KalmanFilter(model, {"link.angle": 0.002}, 0.02, off, x0=(0.2, 0.0))
+    found = slcp.identify(far, seen, us, {"link.mass": 0.5}, **FEW)
+    assert "the first link.angle is " in str(
+        found
+    ) and "deviations from what was believed (start=, x0=)" in str(found)
+    right = slcp.identify(filter, seen, us, {"link.mass": 0.5}, **FEW)
+    assert right.odd == ()
+
+
+def test_a_time_in_milliseconds_is_asked_about(tmp_path):
+    rows = [(1000.0 * t, *rest) for t, *rest in rows_of(np.zeros((4, 1)), np.zeros((3, 1)))]
+    with pytest.warns(RuntimeWarning, match="rows are 1000 steps of the model apart, of 0.05 s; is the"):
+        slcp.load_log(write(tmp_path / "log.csv", rows), cart())
+
+
+def test_headers_with_blanks_are_read_and_others_told(tmp_path):
+    rows = rows_of(np.arange(4.0)[:, None], np.zeros((3, 1)))
+    spaced = tuple(f" {name} " for name in HEAD)
+    measured, _ = slcp.load_log(write(tmp_path / "log.csv", rows, spaced), cart())
+    np.testing.assert_array_equal(measured[:, 0], np.arange(4.0))
+    with pytest.raises(FileError, match="cart.shift; it has 'time, control cart.shift, place, world'"):
+        slcp.load_log(write(tmp_path / "b.csv", rows, (*HEAD[:2], "place", HEAD[3])), cart())
+
+
+def test_what_was_found_acts_on_what_its_sensors_show():
+    """A bias that was found is in what sensors of a run show, and taken off again; a machine's readings have
+    it by themselves.
+    """
+    sim = slcp.Simulator(CART, slcp.Options("hard"), device="cpu", dtype="float64")
+    start = {"cart.shift": 0.5, "cart.vshift": 0.5}
+    gain = policies.Linear(np.array([[-3.0, 0.0, -2.5, 0.0]]))
+    runs = []
+    for bias in (0.0, 0.3):
+        filter = policies.KalmanFilter(sim, {"cart.shift": 1e-3}, 0.1, start, bias={"cart.shift": bias})
+        policy = policies.Estimated(gain, filter)
+        runs.append(sim.rollout(np.tile([0.4, 0.0, 0.0, 0.0], (2, 1)), policy=policy, steps=120).states)
+    np.testing.assert_allclose(runs[1], runs[0], rtol=0, atol=1e-9)
+    machine = policies.Estimated(gain, filter, simulated=False)
+    run = sim.rollout(np.tile([0.4, 0.0, 0.0, 0.0], (2, 1)), policy=machine, steps=120)
+    assert run.states[:, -1, 0] == pytest.approx(0.3, abs=0.02)
+    seen = policies.Sensor(slcp.measures.cosine("cart.shift"), 0.1)
+    with pytest.raises(ArgumentError, match="simulated is False, and filter has sensors of other things"):
+        policies.Estimated(gain, policies.KalmanFilter(sim, {"c": seen}, 0.1), simulated=False)

@@ -43,8 +43,9 @@ class Estimated:
         before: controls (nu,), or one number for all, until the first that is sent acts; None: zero.
         period: between two questions [s], as of a task's hold; None: a step of the model.
         keep: True: `kept` has every estimate of the run.
-        seed: of what `policies.Sensor` says of noise and lost readings, which are drawn here: what a sensor
-            shows is of the states that the run shows.
+        seed: of what `policies.Sensor` says of noise and lost readings, which are drawn here.
+        simulated: whether states of a simulated run come, of which sensors show what they are of, with their
+            biases; False: they are what a machine's sensors showed of its states, biases and all.
 
     Attributes:
         belief: of the worlds of the run that it is in, after the last measurement; None before the first.
@@ -67,10 +68,16 @@ class Estimated:
         period: float | None = None,
         keep: bool = False,
         seed: int = 0,
+        simulated: bool = True,
     ) -> None:
         self.filter = instance("filter", filter, KalmanFilter, "a policies.KalmanFilter")
         self.delay, self.keep = number("delay", delay, 0.0), flag("keep", keep)
-        self.seed = whole("seed", seed, 0)
+        self.seed, self.simulated = whole("seed", seed, 0), flag("simulated", simulated)
+        if not self.simulated and (filter.sensing.places < 0).any():
+            raise ArgumentError(
+                "simulated is False, and filter has sensors of other things than states, which `act` is not "
+                "given; KalmanFilter.predict and .correct are needed"
+            )
         self.foresee = not attribute(policy, "lag") if foresee is None else flag("foresee", foresee)
         if self.foresee:
             policy = foreseeing(policy, self.delay)
@@ -180,7 +187,9 @@ class Estimated:
         self._last: float | None = None  # when it was asked
         self._thread = threading.get_ident()
         self.belief, self.kept = self.filter.begin(len(numbers)), []
-        self._readings = Readings(self.filter.sensing, self.filter.model, numbers, self.seed)
+        self._readings = Readings(
+            self.filter.sensing, self.filter.bias, self.filter.model, numbers, self.seed
+        )
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> np.ndarray:
         """Controls (B, nu) of the states x (B, nx), of which the sensors' are read."""
@@ -191,7 +200,7 @@ class Estimated:
         belief = self.belief
         if self._last is not None:
             belief = self._until(self.filter, belief, self._last, time)
-        self.belief = belief = self.filter.correct(belief, self._readings.of(x, time, self._felt))
+        self.belief = belief = self.filter.correct(belief, self._read(x, time))
         if self.keep:
             self.kept.append((time, belief))
         acts = time
@@ -202,6 +211,12 @@ class Estimated:
         self._sent.send(time, u)
         self._last = time
         return u
+
+    def _read(self, x: np.ndarray, time: float) -> np.ndarray:
+        """(B, sensors) that are read."""
+        if self.simulated:
+            return self._readings.of(x, time, self._felt)
+        return np.asarray(x[:, self.filter.sensing.places])
 
     def _until(self, filter: KalmanFilter, belief: Belief, begin: float, end: float) -> Belief:
         """What is believed after the controls that act between two times."""

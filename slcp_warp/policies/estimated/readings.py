@@ -22,13 +22,16 @@ class Readings:
     run's own noise is in what it shows.
     """
 
-    def __init__(self, sensors: Sensors, model: Simulator, worlds: np.ndarray, seed: int) -> None:
+    def __init__(
+        self, sensors: Sensors, bias: np.ndarray, model: Simulator, worlds: np.ndarray, seed: int
+    ) -> None:
         """Args:
+        bias: (S,) what each shows beside what it is of.
         model: whose device draws.
         worlds: their numbers (B,), through all chunks of a sweep.
         seed: of noise, and of what is lost.
         """
-        self._sensors, self._model, self._seed = sensors, model, seed
+        self._sensors, self._bias, self._model, self._seed = sensors, bias, model, seed
         self._numbers: wp.array = wp.array(np.asarray(worlds, np.int32), dtype=wp.int32, device=model.device)
         self._noise = np.sqrt(sensors.variance) * sensors.drawn
         of_all = NormalDist()
@@ -44,6 +47,7 @@ class Readings:
         out = self._sensors.expected(x)
         for i in self._sensors.of_step:
             out[:, i] = felt[self._sensors.names[i]]
+        out += self._bias
         if self._draws:
             normal = self._normal(len(x))
             out = out + self._noise * normal[:, : len(self._sensors)]

@@ -40,6 +40,7 @@ class Identified(Printed):
         counted: share of draws by this mean and covariance that count (M73); .2 and less is rough.
         seed: of the starts and draws.
         others: what explains the logs nearly as well, in words.
+        odd: what is odd about the logs, or about what was asked, in words.
     """
 
     values: dict[str, tuple[float, float, float]]
@@ -56,6 +57,7 @@ class Identified(Printed):
     counted: float
     seed: int
     others: tuple[str, ...]
+    odd: tuple[str, ...]
     _unknowns: Unknowns = field(repr=False)
 
     @property
@@ -141,7 +143,8 @@ class Identified(Printed):
         if process > MANY:
             out.append(
                 f"the process strays {process:.3g} times as much as was said: what the mechanism has not "
-                "got, or a minimum that takes all for noise (look at minima, or give it less process)"
+                "got, steps that are too long (halve them, or Options(integrator='trapezoidal')), or a "
+                "minimum that takes all for noise (look at minima, or give it less process)"
             )
         rubs = [name for name in self.values if name.split(".")[-1] == "friction"]
         if rubs and self.filter.model.options.friction != "coulomb":
@@ -157,7 +160,7 @@ class Identified(Printed):
         if self.fit.failures:
             steps = counted(self.fit.failures, "step")
             out.append(f"{steps} of the logs had no solution in the model, or no derivatives")
-        return [*out, *self.others, *self.fit.told()]
+        return [*out, *self.others, *self.odd, *self.fit.told()]
 
     def _tables(self) -> list[Table]:
         rows = [(name, *value, self.learned[name]) for name, value in self.values.items()]

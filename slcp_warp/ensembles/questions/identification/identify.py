@@ -16,6 +16,7 @@ from .fit import fit_of, judged
 from .identified import TWO_SIDED, Identified
 from .likelihood import Likelihood
 from .logs import logs_of
+from .oddities import oddities
 from .scoring import Minimum, Search, apart
 from .softening import softenings
 from .unknowns import Unknowns
@@ -38,6 +39,7 @@ def identify(
     sensor_noise: float = 0.0,
     process_noise: float = 0.0,
     x0: Any = None,
+    tied: bool = True,
     candidates: int = 64,
     starts: int = 4,
     rounds: int = 30,
@@ -66,6 +68,8 @@ def identify(
         sensor_noise, process_noise: standard deviation of the logarithm of a factor on every sensor's
             noise, and of one on the process's, where they are not known either.
         x0: (R, nx) means of the first states, or one (nx,); None: the filter's.
+        tied: whether mass and inertia of a body are one number where both are looked for, as they are where
+            worlds are drawn; False: each by itself.
         candidates: drawn from what is known before; the likeliest `starts` of them go down.
         rounds: at most, of each.
         draws: weighed a pass, where what is known is not normal about the minimum.
@@ -78,7 +82,7 @@ def identify(
     """
     filter = checks.instance("filter", filter, KalmanFilter, "a policies.KalmanFilter")
     _check_filter(filter)
-    unknowns = Unknowns(filter, parameters, bias, sensor_noise, process_noise)
+    unknowns = Unknowns(filter, parameters, bias, sensor_noise, process_noise, checks.flag("tied", tied))
     likelihood = Likelihood(unknowns, logs_of(filter, measured, controls, x0))
     starts = checks.whole("starts", starts, 1, MOST)
     candidates = checks.whole("candidates", candidates, starts, MOST)
@@ -154,6 +158,7 @@ def _identified(likelihood: Likelihood, minima: list[Minimum], draws: int, seed:
     table |= {f"z {name}": np.array([each.place[i] for each in minima])
               for i, name in enumerate(unknowns.names)}  # fmt: skip
     table["ended"] = np.array([each.ended for each in minima])
+    fit = fit_of(likelihood, place)
     return Identified(
         values={name: (float(each[0]), float(each.min()), float(each.max())) for name, each in ends.items()},
         learned={name: float(sd[i]) for name, i in unknowns.told.items()},
@@ -164,11 +169,12 @@ def _identified(likelihood: Likelihood, minima: list[Minimum], draws: int, seed:
         filter=unknowns.filter_at(z),
         x0=likelihood.first_states(place[None])[0],
         before=judged(unknowns, likelihood.logs, np.zeros(count)),
-        fit=fit_of(likelihood, place),
+        fit=fit,
         minima=table,
         counted=share,
         seed=seed,
         others=_others(unknowns, minima, count),
+        odd=oddities(likelihood, place, fit.rms),
         _unknowns=unknowns,
     )
 

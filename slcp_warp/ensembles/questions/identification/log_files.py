@@ -1,5 +1,6 @@
 """Logs of a machine from tables: rows at times of their own, put on the steps of a model."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from ....storage.rows import read_csv
 WHAT = "a log"
 JITTER = 0.25  # of a step, by which a row's time may be off
 MOST = 10**7  # steps of a log
+APART = 100  # steps between two rows, from which on a time is asked about
 
 
 def load_log(path: str | Path, filter: KalmanFilter) -> tuple[np.ndarray, np.ndarray]:
@@ -45,6 +47,14 @@ def load_log(path: str | Path, filter: KalmanFilter) -> tuple[np.ndarray, np.nda
             raise FileError("it has rows of several worlds; a file for each is needed")
         time = _column(rows, "time")
         steps = _steps(time, filter.step_size)
+        apart = float(np.median(np.diff(steps))) if len(steps) > 1 else 1.0
+        if apart > APART:
+            warnings.warn(
+                f"{path}: rows are {apart:g} steps of the model apart, of {filter.step_size:g} s; is the "
+                "time in seconds?",
+                RuntimeWarning,
+                stacklevel=2,
+            )
         seen = np.full((steps[-1] + 1, len(filter.sensors)), np.nan)
         for i, name in enumerate(filter.sensors):
             seen[steps, i] = _column(rows, name, empty=True)

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.structure import STEP_SIZE
+from slcp_warp.kernels.structure import STEP_SIZE, layout
 
+from ....description.scene import Scene
 from ....inputs.checks import number
 from ....inputs.errors import ArgumentError
 from ....parameters import Parameters
@@ -27,6 +28,7 @@ class Unknowns:
     Attributes:
         names: of the K numbers: what each draws, or the first of it.
         told: by name what is drawn, and the number of z that it is drawn from.
+        tied, with_inertia: whether mass and inertia are one number, and the bodies of which both are drawn.
     """
 
     def __init__(
@@ -36,15 +38,17 @@ class Unknowns:
         bias: Mapping[str, float] | None,
         sensor_noise: float,
         process_noise: float,
+        tied: bool = True,
     ) -> None:
         """Args: as of `identify`.
 
         Raises:
             ArgumentError: names that there are not, nothing to look for.
         """
-        scene, self.filter = filter.model.scene, filter
+        scene, self.filter, self.tied = filter.model.scene, filter, tied
         self.prior = Disturbances(parameters={} if parameters is None else parameters).parameters
         self._mechanism = laws.parameter_laws(scene, filter.params.table()[0], self.prior)
+        self.with_inertia = _tie(scene, self._mechanism, self.prior, tied)
         if STEP_SIZE in self._mechanism.varied:
             raise ArgumentError("parameters names step_size; a log has the step of the filter's model")
         self._around = self._laws_around(bias, sensor_noise, process_noise)
@@ -158,3 +162,22 @@ class Unknowns:
         """What is drawn, by name, (C,) each."""
         rows = [self._rows(0, z), self._rows(1, z)]
         return {name: rows[i][:, c] for name, (i, c) in self._column.items()}
+
+
+def _tie(scene: Scene, mechanism: Laws, prior: Mapping[str, Any], tied: bool) -> tuple[str, ...]:
+    """The bodies whose mass and inertia are both drawn, from one number each, or, not tied, of their own; but
+    for those of which one name of `prior` says that they are one.
+    """
+    one = {name for key in prior if len(laws.names_in(key)) > 1 for name in laws.names_in(key)}
+    first = {name: start for name, start, _ in layout(scene.structure).columns}
+    varied = set(mechanism.varied.tolist())
+    both = [
+        i
+        for i, body in enumerate(scene.bodies)
+        if {first["mass"] + i, first["inertia"] + i} <= varied
+        and not one & {"inertia", f"{body.name}.inertia"}
+    ]
+    of = first["inertia"] + np.array(both, int)
+    if not tied:
+        mechanism.step[of] += first["inertia"] - first["mass"]
+    return tuple(scene.bodies[i].name for i in both)
