@@ -46,6 +46,9 @@ def identify_command(
         float, typer.Option(help="Standard deviation of the logarithm of a factor on --process.")
     ] = 1.0,
     sensor_noise: Annotated[float, typer.Option(help="The same of every sensor's.")] = 0.0,
+    tied: Annotated[
+        bool, typer.Option(help="Mass and inertia of a body are one number where both are looked for.")
+    ] = True,
     judge: Annotated[list[Path] | None, typer.Option(help="A log that is kept back, to judge by.")] = None,
     rules: OneRule = NO_RULE,
     step_size: StepSize = None,
@@ -68,7 +71,7 @@ def identify_command(
         found = slcp.identify(
             filter, list(measured), list(controls), dict(map(_law, parameter or [])),
             bias=parse_settings(bias, "--bias"), process_noise=process_noise, sensor_noise=sensor_noise,
-            seed=seed, progress=progress,
+            tied=tied, seed=seed, progress=progress,
         )  # fmt: skip
     rows = [(name, *value, found.learned[name]) for name, value in found.values.items()]
     save_rows(path, HEAD, rows)

@@ -1,6 +1,7 @@
 """Logs from tables, and `slcp identify`."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -119,7 +120,7 @@ FEW = {"candidates": 8, "starts": 1, "draws": 16}
 
 def test_mass_and_inertia_are_one_number_or_two():
     truth = {"link.mass": 1.3, "link.inertia": 0.02}
-    filter, seen, us = swung(np.random.default_rng(0), **truth)
+    filter, seen, us = swung(np.random.default_rng(0), steps=100, **truth)
     before = {"link.mass": 0.5, "link.inertia": 0.5}
     tied = slcp.identify(filter, seen, us, before, **FEW)
     assert (
@@ -138,6 +139,31 @@ def test_mass_and_inertia_are_one_number_or_two():
     assert len(said.names) == 1 and "one number here" not in str(said)
 
 
+def test_steps_that_are_too_long_are_told():
+    """What half as long steps make of a number is found by them, too; where sensors tell little none move."""
+    rng, truth = np.random.default_rng(3), {"link.mass": 1.2, "link.damping": 0.07}
+    hard, before = slcp.Options("hard"), {"link.mass": 0.5, "link.damping": 0.5}
+    fine = slcp.Simulator(replace(PENDULUM, step_size=5e-4), hard, device="cpu", dtype="float64")
+    us = 3.0 * np.sin(np.linspace(0.0, 9.0, 60) + rng.uniform(0.0, 6.0, (2, 1)))[:, :, None]
+    run = fine.rollout(np.zeros((2, 2)), np.repeat(us, 40, axis=1), fine.params.replace(**truth))
+    found = {}
+    for h, sd in ((0.02, 0.002), (0.01, 0.002), (0.02, 1.0)):
+        every = round(0.02 / h)
+        sim = slcp.Simulator(replace(PENDULUM, step_size=h), hard, device="cpu", dtype="float64")
+        seen = np.full((2, 60 * every + 1, 1), np.nan)
+        seen[:, ::every] = run.states[:, ::40, :1] + sd * np.random.default_rng(4).normal(size=(2, 61, 1))
+        filter = policies.KalmanFilter(sim, {"link.angle": sd}, 0.02, x0=(0.0, 0.0))
+        found[h, sd] = slcp.identify(filter, seen, np.repeat(us, every, axis=1), before, **FEW)
+        text = "steps are too long for these intervals: half as long ones move, in deviations, link."
+        assert (text in str(found[h, sd])) == (sd == 0.002)
+    coarse, finer = found[0.02, 0.002], found[0.01, 0.002]
+    for i, name in enumerate(truth):
+        moved = (finer.z - coarse.z)[i] / coarse.covariance[i, i] ** 0.5
+        assert abs(moved) > 0.7 and coarse.halved[name] == pytest.approx(moved, abs=0.4), name
+    blind = slcp.identify(filter, seen, us, before, halve=False, **FEW)
+    assert np.isnan(list(blind.halved.values())).all()
+
+
 @pytest.mark.parametrize("shift, told", [(1, "1 step later"), (-2, "2 steps earlier"), (0, None)])
 def test_controls_of_another_step_are_told(shift, told):
     filter, seen, us = swung(np.random.default_rng(1), shift, **{"link.mass": 1.2})
@@ -148,11 +174,11 @@ def test_controls_of_another_step_are_told(shift, told):
 
 
 def test_odd_sensors_and_starts_are_told():
-    filter, seen, us = swung(np.random.default_rng(2))
+    filter, seen, us = swung(np.random.default_rng(2), steps=60)
     degrees = slcp.identify(filter, np.rad2deg(seen), us, {"link.mass": 0.5}, **FEW)
     assert "link.angle spans " in str(degrees) and " rad (degrees?)" in str(degrees)
     still = slcp.identify(filter, 0.0 * seen + 0.3, us, {"link.mass": 0.5}, **FEW)
-    assert "link.angle stands still: 0.3 in all of 302 readings" in str(still)
+    assert "link.angle stands still: 0.3 in all of 122 readings" in str(still)
     model, off = filter.model, {"link.angle": 0.01}
     far = policies.KalmanFilter(model, {"link.angle": 0.002}, 0.02, off, x0=(0.2, 0.0))
     found = slcp.identify(far, seen, us, {"link.mass": 0.5}, **FEW)

@@ -20,7 +20,7 @@ from .unknowns import Unknowns
 
 DRAWN = 0x6B6E6F77  # with the seed: of worlds
 TWO_SIDED = 1.959963984540054  # 95 %
-LEARNED, TOGETHER, EVEN, FAR, MANY = 0.9, 0.95, 0.2, 3.0, 3.0
+LEARNED, TOGETHER, EVEN, FAR, MANY, MOVED = 0.9, 0.95, 0.2, 3.0, 3.0, 0.75
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -40,6 +40,8 @@ class Identified(Printed):
         counted: share of draws by this mean and covariance that count (M73); .2 and less is rough.
         seed: of the starts and draws.
         others: what explains the logs nearly as well, in words.
+        halved: by name by how many of its deviations a number moves in steps half as long, about; NaN: not
+            known. Of Euler's steps about as much is left beyond.
         odd: what is odd about the logs, or about what was asked, in words.
     """
 
@@ -57,6 +59,7 @@ class Identified(Printed):
     counted: float
     seed: int
     others: tuple[str, ...]
+    halved: dict[str, float]
     odd: tuple[str, ...]
     _unknowns: Unknowns = field(repr=False)
 
@@ -139,6 +142,17 @@ class Identified(Printed):
             for name, z in zip(self.names, self.z)
             if abs(z) > FAR
         ]
+        noise = {"process", *(f"noise of {name}" for name in self.filter.sensors)}
+        coarse = [
+            f"{name} by {abs(each):.2g}"
+            for name, each in self.halved.items()
+            if abs(each) > MOVED and name not in noise
+        ]
+        if coarse:
+            out.append(
+                "steps are too long for these intervals: half as long ones move, in deviations, "
+                f"{', '.join(coarse)} (shorter ones, or without contact Options(integrator='trapezoidal'))"
+            )
         process = self.values.get("process", (1.0,))[0]
         if process > MANY:
             out.append(

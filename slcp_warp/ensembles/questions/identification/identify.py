@@ -13,6 +13,7 @@ from ....policies import KalmanFilter
 from ....storage.printed import cell
 from ...worlds.seeds import seed_apart
 from .fit import fit_of, judged
+from .halving import moved_by_halving
 from .identified import TWO_SIDED, Identified
 from .likelihood import Likelihood
 from .logs import logs_of
@@ -40,6 +41,7 @@ def identify(
     process_noise: float = 0.0,
     x0: Any = None,
     tied: bool = True,
+    halve: bool = True,
     candidates: int = 64,
     starts: int = 4,
     rounds: int = 30,
@@ -70,6 +72,7 @@ def identify(
         x0: (R, nx) means of the first states, or one (nx,); None: the filter's.
         tied: whether mass and inertia of a body are one number where both are looked for, as they are where
             worlds are drawn; False: each by itself.
+        halve: whether it is looked how far numbers move in steps half as long (`Identified.halved`).
         candidates: drawn from what is known before; the likeliest `starts` of them go down.
         rounds: at most, of each.
         draws: weighed a pass, where what is known is not normal about the minimum.
@@ -112,7 +115,7 @@ def identify(
             lambda: None if told is None else told(next(done), (rounds + 1) * len(stages)),
             roughly=i + 1 < len(stages),
         )
-    return _identified(likelihood, search.minima, draws, seed)
+    return _identified(likelihood, search.minima, draws, seed, checks.flag("halve", halve))
 
 
 def quieter(minima: list[Minimum], unknowns: Unknowns) -> list[Minimum]:
@@ -141,7 +144,9 @@ def _check_filter(filter: KalmanFilter) -> None:
             )
 
 
-def _identified(likelihood: Likelihood, minima: list[Minimum], draws: int, seed: int) -> Identified:
+def _identified(
+    likelihood: Likelihood, minima: list[Minimum], draws: int, seed: int, halve: bool
+) -> Identified:
     """What was found, judged."""
     unknowns, best, count = likelihood.unknowns, minima[0], likelihood.count
     if best.information is None:
@@ -159,6 +164,7 @@ def _identified(likelihood: Likelihood, minima: list[Minimum], draws: int, seed:
               for i, name in enumerate(unknowns.names)}  # fmt: skip
     table["ended"] = np.array([each.ended for each in minima])
     fit = fit_of(likelihood, place)
+    moved = moved_by_halving(likelihood, best.place) / sd if halve else np.full(count, np.nan)
     return Identified(
         values={name: (float(each[0]), float(each.min()), float(each.max())) for name, each in ends.items()},
         learned={name: float(sd[i]) for name, i in unknowns.told.items()},
@@ -174,6 +180,7 @@ def _identified(likelihood: Likelihood, minima: list[Minimum], draws: int, seed:
         counted=share,
         seed=seed,
         others=_others(unknowns, minima, count),
+        halved={name: float(moved[i]) for name, i in unknowns.told.items()},
         odd=oddities(likelihood, place, fit.rms),
         _unknowns=unknowns,
     )

@@ -28,6 +28,7 @@ class Unknowns:
     Attributes:
         names: of the K numbers: what each draws, or the first of it.
         told: by name what is drawn, and the number of z that it is drawn from.
+        given: what it was made from, beside the filter.
         tied, with_inertia: whether mass and inertia are one number, and the bodies of which both are drawn.
     """
 
@@ -45,6 +46,8 @@ class Unknowns:
         Raises:
             ArgumentError: names that there are not, nothing to look for.
         """
+        self.given: dict[str, Any] = {"parameters": parameters, "bias": bias, "sensor_noise": sensor_noise}
+        self.given |= {"process_noise": process_noise, "tied": tied}
         scene, self.filter, self.tied = filter.model.scene, filter, tied
         self.prior = Disturbances(parameters={} if parameters is None else parameters).parameters
         self._mechanism = laws.parameter_laws(scene, filter.params.table()[0], self.prior)
@@ -65,9 +68,13 @@ class Unknowns:
             )
         self.told: dict[str, int] = {}
         self._column: dict[str, tuple[int, int]] = {}
+        base = filter.params.table()[0]
+        alone = {key: laws.parameter_laws(scene, base, {key: law}).varied for key, law in self.prior.items()}
+        asked = {int(columns[0]): key for key, columns in alone.items() if len(columns) == 1}
         for i, (table, places) in enumerate(zip(both, self._places)):
             place_of = dict(zip(table.varied.tolist(), places.tolist()))
-            for name, c in told_once(table.names, table.varied.tolist(), table.alike):
+            for column, c in told_once(table.names, table.varied.tolist(), table.alike):
+                name = column if i else asked.get(c, column)
                 self.told[name], self._column[name] = place_of[c], (i, c)
         first: dict[int, str] = {}
         for name, place in self.told.items():
