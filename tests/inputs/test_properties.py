@@ -113,7 +113,7 @@ CALLS = {
     "Environment": (slcp.Environment, {"task": KICKED, "worlds": 2, "device": "cpu"},
         {"period": ("controls",)}),
     "Sensor": (slcp.policies.Sensor, {"of": "link1.angle", "noise": 0.1, "period": 6.0,
-        "every": 0.1, "lost": 0.1}, {}),
+        "every": 0.1, "late": 0.1, "lost": 0.1}, {}),
     "KalmanFilter": (slcp.policies.KalmanFilter, {"model": sim(), "sensors": {"link1.angle": 0.1},
         "process": 0.1}, {}),
     "KalmanFilter.predict": (lambda **given: kalman().predict(kalman().begin(2), **given), {"u": U}, {}),

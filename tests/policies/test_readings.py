@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from test_sensors import ARM, TIP, H, by_hand, simulator
 
 import slcp_warp as slcp
@@ -81,6 +82,36 @@ def test_runs_of_one_policy_begin_anew():
         sim.rollout(np.zeros((3, 4)), policy=policy, steps=10)
         runs.append(np.stack([belief.mean for _, belief in policy.kept]))
     np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.02])
+def test_what_comes_late_counts_from_when_it_was_taken(delay):
+    """At every time what is believed is that of a log with what has come by then, and no more."""
+    sim, exact = simulator(ARM), 1e-9
+    of = {"tip": m.point(TIP, "x"), "slow": m.point(TIP, "y")}
+    late = {"tip": Sensor(of["tip"], exact, late=3 * H), "slow": Sensor(of["slow"], exact, 0.0, 2 * H, 5 * H)}
+    wide = {"start": (0.1, 0.1, 0.3, 0.3), "x0": (0.3, 1.6, 0.0, 0.0), "process": 0.1}
+    believed = {name: Sensor(each, 0.01) for name, each in of.items()}
+    filter = KalmanFilter(sim, {**believed, "upper.angle": 1e-3}, **wide)
+    acting = KalmanFilter(sim, {**late, "upper.angle": 1e-3}, **wide)
+    acting.variance = filter.variance  # read exactly, believed less
+    policy = Estimated(policies.Linear(np.zeros((2, 4)), np.zeros(4), [1.0, -0.5]), acting, delay, keep=True)
+    x0 = np.tile([0.35, 1.5, 0.2, 0.1], (2, 1))
+    run = sim.rollout(x0, policy=policy, steps=12, record="controls")
+    us = np.tile([1.0, -0.5], (2, 12, 1))
+    us[:, : round(delay / H)] = 0.0  # what acts, as it knows
+    shown = np.stack([by_hand(run.states[:, k]) for k in range(13)], axis=1)
+    places = slcp.costs.position(ARM, TIP, run.states)
+    seen = np.stack([places[..., 0], places[..., 1], run.states[..., 0]], axis=2)
+    seen[:, 1::2, 1] = np.nan
+    np.testing.assert_allclose(seen[..., 0], shown[..., 0], rtol=0, atol=1e-12)
+    for k, (_, belief) in enumerate(policy.kept):
+        log = seen[:, : k + 1].copy()
+        log[:, max(0, k - 2) :, 0] = np.nan
+        log[:, max(0, k - 4) :, 1] = np.nan
+        expected = filter.estimate(log, us[:, :k])
+        np.testing.assert_allclose(belief.mean, expected.mean[:, -1], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(belief.covariance, expected.covariance[:, -1], rtol=1e-6, atol=1e-9)
 
 
 def test_feedback_by_a_marker_alone():

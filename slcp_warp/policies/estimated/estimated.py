@@ -1,6 +1,7 @@
 """A policy that sees what a Kalman filter makes of a few noisy sensors, in place of the state."""
 
 import copy
+import functools
 import threading
 from typing import Any
 
@@ -17,11 +18,12 @@ from ..around import controls_before
 from .extended import Belief
 from .foresight import foreseeing
 from .kalman import KalmanFilter
+from .past import Past
 from .readings import Readings
 from .sensing import first_state, sensors_of
 from .sent import Sent
 
-OF_RUN = ("belief", "kept", "_inner", "_late", "_sent", "_last", "_thread", "_readings")
+OF_RUN = ("belief", "kept", "_inner", "_late", "_sent", "_last", "_thread", "_readings", "_past")
 
 
 class Estimated:
@@ -183,7 +185,9 @@ class Estimated:
         self._late = h * nearest_steps("delay", self.delay, h) if self.delay else 0.0
         self._inner: Acting = acting(self.policy, self.filter.model, numbers, self.filter.step_size)
         self._felt = {}
-        self._sent = Sent(np.tile(self.before, (len(numbers), 1)), self._late, 1e-6 * self.filter.step_size)
+        late, same = np.array([each.late for each in self.filter.sensing.every]), 1e-6 * self.filter.step_size
+        self._past = Past(late, same) if late.any() else None
+        self._sent = Sent(np.tile(self.before, (len(numbers), 1)), self._late, same, float(late.max()))
         self._last: float | None = None  # when it was asked
         self._thread = threading.get_ident()
         self.belief, self.kept = self.filter.begin(len(numbers)), []
@@ -200,7 +204,13 @@ class Estimated:
         belief = self.belief
         if self._last is not None:
             belief = self._until(self.filter, belief, self._last, time)
-        self.belief = belief = self.filter.correct(belief, self._read(x, time))
+        seen = self._read(x, time)
+        if self._past is None:
+            belief = self.filter.correct(belief, seen)
+        else:
+            until = functools.partial(self._until, self.filter)
+            belief = self._past.believed(time, belief, seen, self.filter.correct, until)
+        self.belief = belief
         if self.keep:
             self.kept.append((time, belief))
         acts = time

@@ -34,6 +34,8 @@ class Sensor:
         noise: standard deviation of what it shows, 1e-50 to 1e50 [its unit].
         period: differences count modulo this, 2 pi of an angle that is shown within a turn; 0: as they are.
         every: from one reading to the next in a run [s]; 0: whenever a policy is asked.
+        late: from a reading to when it is there [s], in a run; by then it is of what was. A log has it where
+            it was taken.
         lost: share of the readings of a run that never come, at random.
     """
 
@@ -41,12 +43,13 @@ class Sensor:
     noise: float
     period: float = 0.0
     every: float = 0.0
+    late: float = 0.0
     lost: float = 0.0
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "noise", number("Sensor.noise", self.noise, LEAST, MOST))
-        for name in ("period", "every"):
+        for name in ("period", "every", "late"):
             put(self, name, number(f"Sensor.{name}", getattr(self, name), 0.0))
         put(self, "lost", number("Sensor.lost", self.lost, 0.0, 1.0))
         if isinstance(self.of, Signal):
