@@ -54,20 +54,21 @@ def foretold(
         params = params.replace(**_noise(covariance, h))
     after = model.step(mean, u, params)
     known = solved = after.status == Status.SOLVED
-    A, shown = np.tile(free, (len(mean), 1, 1)), None
+    A, grown, shown = np.broadcast_to(free, covariance.shape), covariance, None
     if covariance.any():
         linear = model.linearize(mean, u, params)
         known = solved & (linear.status == Status.SOLVED)
         A = np.where(known[:, None, None], linear.A.astype(float), free)
         with np.errstate(all="ignore"):
-            lost = ~(np.abs(A @ covariance @ A.swapaxes(1, 2)) < FARTHEST).all(axis=(1, 2))
-        A, known = np.where(lost[:, None, None], free, A), known & ~lost
+            grown = A @ covariance @ A.swapaxes(1, 2)
+            lost = ~(np.abs(grown) < FARTHEST).all(axis=(1, 2))
+        if lost.any():
+            A, known = np.where(lost[:, None, None], free, A), known & ~lost
+            grown = A @ covariance @ A.swapaxes(1, 2)
     if forces is not None:
         shown = forces.foretold(mean, covariance, A, u, params)
-    if covariance.any():
-        covariance = _symmetric(A @ covariance @ A.swapaxes(1, 2))
     mean = np.where(solved[:, None], after.state.astype(float), mean @ free.T)
-    return Belief(mean, covariance + strayed, failures + ~known, shown)
+    return Belief(mean, _symmetric(grown) + strayed, failures + ~known, shown)
 
 
 def difference(measured: np.ndarray, expected: np.ndarray, period: np.ndarray) -> np.ndarray:
