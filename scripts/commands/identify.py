@@ -77,12 +77,16 @@ def identify_command(
     save_rows(path, HEAD, rows)
     console.print(str(found), markup=False, highlight=False)
     for log, (seen, us) in zip(judge or [], kept):
-        fit = found.judge([seen], [us])
-        text = f"{log}: off by {fit.rms:.3g} of the deviations that are foretold, {100.0 * fit.beyond:.2g} %"
-        console.print(f"{text} beyond three", markup=False, highlight=False)
-        for line in fit.told():
-            console.print(f"  ! {line}", markup=False, highlight=False)
+        _tell(log, found.judge([seen], [us]))
     wrote(path)
+
+
+def _tell(log: Path, fit: Any) -> None:
+    """How well a log that was kept back is explained."""
+    text = f"{log}: off by {fit.rms:.3g} of the deviations that are foretold, {100.0 * fit.beyond:.2g} %"
+    console.print(f"{text} beyond three", markup=False, highlight=False)
+    for line in fit.told():
+        console.print(f"  ! {line}", markup=False, highlight=False)
 
 
 def _sensors(given: list[str]) -> dict[str, Any]:
