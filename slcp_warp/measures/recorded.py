@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,7 @@ class Recorded:
     tangential: Any = None
     pull: Any = None
     numbers: Any = None
+    _found: dict[Point, np.ndarray] = field(default_factory=dict, init=False)  # where points are
 
     def __post_init__(self) -> None:
         states = array("states", self.states, ("B", "N+1", 2 * self.scene.nv))
@@ -130,14 +131,19 @@ class Recorded:
         return np.concatenate([values, values[:, -1:]], axis=1)
 
     def _of_points(self, signal: Signal) -> np.ndarray:
-        places = [position(self.scene, each, self.states, self.numbers)
-                  for each in (signal.which, signal.minus) if isinstance(each, Point)]  # fmt: skip
+        places = [self._position(each) for each in (signal.which, signal.minus) if isinstance(each, Point)]
         apart = places[0] if len(places) == 1 else places[0] - places[1]
         return (
             np.hypot(*np.moveaxis(apart, -1, 0))
             if signal.axis is None
             else apart[..., AXES.index(signal.axis)]
         )
+
+    def _position(self, point: Point) -> np.ndarray:
+        """(B, N+1, 2) of a point, computed once."""
+        if point not in self._found:
+            self._found[point] = position(self.scene, point, self.states, self.numbers)
+        return self._found[point]
 
     def value(self, measure: Measure) -> np.ndarray:
         """(B,) values of a measure."""

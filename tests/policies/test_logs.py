@@ -94,6 +94,17 @@ def test_the_command_finds_what_python_finds(tmp_path):
     for bad in ("cart.mass=heavy", "cart.mass"):
         run = CliRunner().invoke(app, [bad if each == "cart.mass=0.5" else each for each in given])
         assert run.exit_code != 0 and "--parameter is" in run.output.replace("\n", " ")
+    own = tmp_path / "own.py"
+    own.write_text(
+        "from slcp_warp import measures, policies\n"
+        'SENSORS = {"cart.shift": policies.Sensor(measures.state("cart.shift"), 0.02)}\nNONE = 3\n'
+    )
+    by_file = [f"{own}:SENSORS" if each == "cart.shift=0.02" else each for each in given]
+    assert CliRunner().invoke(app, by_file).exit_code == 0
+    with open(out, newline="") as file:
+        assert list(csv.DictReader(file)) == [row]
+    run = CliRunner().invoke(app, [each.replace(":SENSORS", ":NONE") for each in by_file])
+    assert run.exit_code != 0 and "is a int; a dict is needed" in run.output.replace("\n", " ")
 
 
 PENDULUM = slcp.Scene(

@@ -44,7 +44,7 @@ class Forces:
             values = self._values(mean, u, params)
             return Shown(values, np.zeros((B, nx, F)), np.zeros((B, F, F)))
         known = np.isfinite(mean).all(axis=1)
-        around, twice = moved(np.where(known[:, None], mean, self._model.scene.x0))
+        around, twice = moved(np.where(known[:, None], mean, self._model.scene.x0), np.arange(nx))
         count = around.shape[1]
         us = np.repeat(np.broadcast_to(u, (B, self._model.nu)), count, axis=0)
         if params.worlds is not None:

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.kernels.ensembles.measures import NONE
+
 from ...description.names import index_of
 from ...description.scene import Scene
 from ...inputs.checks import number, numeric, shown
@@ -114,6 +116,7 @@ class Sensors:
         self.period = np.where(plain, of_scene[self.places], own_period)
         self.of_step = np.flatnonzero([each.of_step for each in every])
         self._others = [i for i in range(len(every)) if places[i] < 0 and not every[i].of_step]
+        self._moves = self._coordinates()
         self._selected = np.eye(2 * scene.nv)[self.places] * (self.places >= 0)[:, None]
 
     def _place(self, sensor: Sensor) -> int:
@@ -127,6 +130,18 @@ class Sensors:
             return index_of("Sensor.of", sensor.of, self.scene.state_names)
         self._of_function(sensor.of, np.tile(self.scene.x0, (1, 2, 1)))
         return -1
+
+    def _coordinates(self) -> np.ndarray:
+        """Of the states those that sensors depend on which show no state: by points, on places."""
+        found = set[int]()
+        for of in (self.every[i].of for i in self._others):
+            if not isinstance(of, Signal):
+                return np.arange(2 * self.scene.nv)
+            for each in of.parts():
+                own = {each.place(self.scene), each.less(self.scene)} - {NONE}
+                found |= own if each.kind in ("state", "cosine") else set()
+                found |= set(range(self.scene.nv)) if each.kind in ("point", "distance") else set()
+        return np.array(sorted(found), int)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -148,8 +163,8 @@ class Sensors:
             params: of the worlds, or one row; None: the scene's.
         """
         out = np.where(self.places >= 0, states[:, self.places], np.nan)
-        for i in self._others:
-            out[:, i] = self._values(self.every[i], states[:, None].repeat(2, axis=1), params)[:, 0]
+        if self._others:
+            out[:, self._others] = self._values(states[:, None].repeat(2, axis=1), params)[:, 0]
         return out
 
     def slopes(self, states: np.ndarray, params: Parameters | None = None) -> np.ndarray:
@@ -162,24 +177,24 @@ class Sensors:
         slopes = np.tile(self._selected, (len(states), 1, 1))
         if self._others:
             known = np.isfinite(states).all(axis=1)
-            around, twice = moved(np.where(known[:, None], states, self.scene.x0))
-            for i in self._others:
-                values = self._values(self.every[i], around, params)
-                expected[:, i] = np.where(known, values[:, 0], np.nan)
-                forth, back = np.split(values[:, 1:], 2, axis=1)
-                slopes[:, i] = (forth - back) / twice
+            around, twice = moved(np.where(known[:, None], states, self.scene.x0), self._moves)
+            values = self._values(around, params)
+            expected[:, self._others] = np.where(known[:, None], values[:, 0], np.nan)
+            forth, back = np.split(values[:, 1:], 2, axis=1)
+            of_moves = ((forth - back) / twice[:, :, None]).swapaxes(1, 2)
+            slopes[:, np.array(self._others)[:, None], self._moves] = of_moves
         return expected, slopes
 
-    def _values(self, sensor: Sensor, states: np.ndarray, params: Parameters | None) -> np.ndarray:
-        """(B, M) of states (B, M, nx); NaN of those that are not finite."""
+    def _values(self, states: np.ndarray, params: Parameters | None) -> np.ndarray:
+        """(B, M, others) of states (B, M, nx); NaN of those that are not finite."""
         known = np.isfinite(states).all(axis=2)
         states = np.where(known[..., None], states, self.scene.x0)
-        if isinstance(sensor.of, Signal):
-            recorded = Recorded(self.scene, self.scene.step_size, states, numbers=_numbers(params))
-            values = recorded.series(sensor.of)
-        else:
-            values = self._of_function(sensor.of, states)
-        return np.where(known, values, np.nan)
+        recorded = Recorded(self.scene, self.scene.step_size, states, numbers=_numbers(params))
+        every = [self.every[i].of for i in self._others]
+        values = [
+            recorded.series(of) if isinstance(of, Signal) else self._of_function(of, states) for of in every
+        ]
+        return np.where(known[..., None], np.stack(values, axis=2), np.nan)
 
     @staticmethod
     def _of_function(of: Any, states: np.ndarray) -> np.ndarray:
@@ -201,13 +216,13 @@ def _of_state(scene: Scene, name: Any, sd: Any) -> Sensor:
     return Sensor(scene.state_names[place], number(f"sensors[{name!r}]", sd, LEAST, MOST))
 
 
-def moved(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """States (B, 1 + 2 nx, nx): themselves, each of theirs moved forth, and back; and by how much together,
-    (B, nx).
+def moved(states: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States (B, 1 + 2 W, nx): themselves, each of W of theirs moved forth, and back; and by how much
+    together, (B, W).
     """
     nx = states.shape[1]
-    reach = REACH * np.maximum(1.0, np.abs(states))
-    steps = reach[:, :, None] * np.eye(nx)
+    reach = REACH * np.maximum(1.0, np.abs(states[:, which]))
+    steps = reach[:, :, None] * np.eye(nx)[which]
     both = np.concatenate([np.zeros((len(states), 1, nx)), steps, -steps], axis=1)
     return states[:, None] + both, 2.0 * reach
 
