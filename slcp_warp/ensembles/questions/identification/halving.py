@@ -1,33 +1,32 @@
 """Whether steps are short enough for the numbers that logs tell: what half as long ones make of these."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 
 from ....policies import KalmanFilter
 from .likelihood import Likelihood
 from .logs import Logs
-from .scoring import Search
+from .scoring import Minimum, Search
 from .unknowns import Unknowns
 
-ROUNDS = 4  # of scoring, from what was found
 
-
-def moved_by_halving(likelihood: Likelihood, place: np.ndarray) -> np.ndarray:
-    """By how much the K numbers move, to a third of a deviation, in steps half as long; NaN: who knows.
+def moved_by_halving(likelihood: Likelihood, minimum: Minimum) -> np.ndarray:
+    """By how much the K numbers move in steps half as long, (K,), by one round of scoring; NaN: who knows.
 
     Args:
         likelihood: of the logs.
-        place: (size,) its minimum.
+        minimum: where it is least.
     """
     unknowns = likelihood.unknowns
     filter, count = _half(unknowns.filter), likelihood.count
     finer = Likelihood(Unknowns(filter, **unknowns.given), _filled(likelihood.logs))
-    search = Search(finer, place[None])
-    if not np.isfinite(finer.cost(place[None])[0]):
+    here = replace(minimum)
+    (gradient,) = Search(finer, minimum.place[None]).slopes([here])
+    if not (np.isfinite(gradient).all() and all(np.isfinite(each).all() for each in here.known)):
         return np.full(count, np.nan)
-    search.run(ROUNDS, roughly=True)
-    return np.asarray(search.minima[0].place[:count] - place[:count])
+    return here.known.step(gradient)[:count]
 
 
 def _half(filter: KalmanFilter) -> KalmanFilter:

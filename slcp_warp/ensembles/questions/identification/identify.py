@@ -164,7 +164,7 @@ def _identified(
               for i, name in enumerate(unknowns.names)}  # fmt: skip
     table["ended"] = np.array([each.ended for each in minima])
     fit = fit_of(likelihood, place)
-    moved = moved_by_halving(likelihood, best.place) / sd if halve else np.full(count, np.nan)
+    moved = moved_by_halving(likelihood, best) / sd if halve else np.full(count, np.nan)
     return Identified(
         values={name: (float(each[0]), float(each.min()), float(each.max())) for name, each in ends.items()},
         learned={name: float(sd[i]) for name, i in unknowns.told.items()},

@@ -88,7 +88,7 @@ class Search:
         self.minima.sort(key=lambda each: each.cost)
 
     def _round(self, active: list[Minimum], last: bool) -> None:
-        steps = [self._steps(each, slope) for each, slope in zip(active, self._slopes(active))]
+        steps = [self._steps(each, slope) for each, slope in zip(active, self.slopes(active))]
         going = [(each, own) for each, own in zip(active, steps) if not each.ended]
         if not going:
             return
@@ -124,7 +124,7 @@ class Search:
                 kept.append(each)
         self.minima = kept
 
-    def _slopes(self, active: list[Minimum]) -> list[np.ndarray]:
+    def slopes(self, active: list[Minimum]) -> list[np.ndarray]:
         """Gradients (size,); their informations are put in."""
         runs, count = self.likelihood.runs, self.likelihood.count
         moves = [_moves(each, count, runs) for each in active]
