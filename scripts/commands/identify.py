@@ -97,6 +97,10 @@ def _sensors(given: list[str]) -> dict[str, Any]:
         sensors, _ = python_name(Path(file), name)
         if not isinstance(sensors, dict):
             raise ValueError(f"--sensor: {name!r} of {file} is a {type(sensors).__name__}; a dict is needed")
+        if twice := found.keys() & sensors.keys():
+            raise ValueError(
+                f"--sensor: {', '.join(sorted(twice))} is given twice; one sensor of a name is needed"
+            )
         found |= sensors
     return found
 

@@ -1,5 +1,6 @@
 """Controls from a Python function, asked between launches."""
 
+import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -34,13 +35,15 @@ class Callback:
         self.senses = {} if senses is None else senses
         self.f = function("f", f, 3 if self.senses else 2)
         self.period = None if period is None else number("period", period, 0.0, above=True)
-        self._felt: tuple[dict[str, np.ndarray], ...] = ()
+        self._felt: dict[int, dict[str, np.ndarray]] = {}  # by thread: runs may share a policy
         senses_of(self)
 
     def feel(self, shown: dict[str, np.ndarray]) -> None:
         """What is shown to f besides states."""
-        self._felt = (shown,)
+        self._felt[threading.get_ident()] = shown
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
         """What f gives."""
-        return self.f(x, time, *self._felt)  # type: ignore[misc]
+        if not self.senses:
+            return self.f(x, time)  # type: ignore[misc]
+        return self.f(x, time, self._felt[threading.get_ident()])  # type: ignore[misc]

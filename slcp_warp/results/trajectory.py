@@ -187,7 +187,7 @@ class Trajectory(Printed):
         """(B, N+1) values of a signal of `slcp_warp.measures` in every step; (N+1,) of one world without an
         axis of worlds. The last is of the last state, with the last step's controls and contacts.
 
-        NaN of worlds that are not SOLVED.
+        NaN of worlds that are not SOLVED; a world of a replay that a failure ended goes on as it stood.
 
         Raises:
             ArgumentError: see `measure`.

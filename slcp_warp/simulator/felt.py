@@ -25,7 +25,7 @@ class Felt:
         gap: np.ndarray,
         status: np.ndarray,
     ) -> np.ndarray:
-        """(B, F) in a step from states x (B, nx) under u (B, nu) to `after`; NaN where it was not solved.
+        """(B, F) in a step from states x (B, nx) under u (B, nu) to `after`; 0 where it was not solved.
 
         Args:
             impulse, gap: (B, nr) of the rows.
@@ -33,4 +33,4 @@ class Felt:
         """
         rows = u[:, None], impulse[:, None], gap[:, None]
         run = Trajectory(np.stack([x, after], axis=1), status, *rows, self.simulated)
-        return np.stack([run.series(each)[:, 0] for each in self.signals], axis=1)
+        return np.nan_to_num(np.stack([run.series(each)[:, 0] for each in self.signals], axis=1))

@@ -10,10 +10,10 @@ import numpy as np
 from ..inputs.arrays import ArrayError
 from ..inputs.checks import attribute, number, numeric, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from ..measures.arithmetic import SUM
 from ..measures.signals import OF_CONTACTS, OF_TENDONS, Signal
 
 OF_STEPS = (*OF_CONTACTS, OF_TENDONS)
-NOT_FELT = ("function", "cost", "time")  # signals
 
 
 class HostPolicy(Protocol):
@@ -75,8 +75,12 @@ def senses_of(policy: Any) -> dict[str, Signal]:
                 f"policy.senses[{name!r}] is {shown(signal)}; a signal of contacts or tendons, of "
                 "slcp_warp.measures, is needed"
             )
-        if any(each.kind in NOT_FELT for each in signal.parts()):
-            raise ArgumentError(f"policy.senses[{name!r}] is {signal!r}; it has no value in rollouts")
+        other = [each for each in signal.parts() if each.kind not in (*OF_STEPS, SUM) or each.since_start]
+        if other:
+            raise ArgumentError(
+                f"policy.senses[{name!r}] is {signal!r}, with {other[0]!r}; contacts and tendons of a step, "
+                "and sums of these alone, are felt"
+            )
     if not callable(attribute(policy, "feel")):
         raise ArgumentTypeError(f"policy is a {type(policy).__name__} with senses; it needs a method `feel`")
     return dict(given)

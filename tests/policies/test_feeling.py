@@ -1,11 +1,15 @@
 """Policies on the host that feel contacts: what they are told, in rollouts and sweeps, and a guarded move."""
 
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import slcp_warp as slcp
 from slcp_warp import measures as m
 from slcp_warp import policies
+from slcp_warp.ensembles.worlds.nominal import nominal
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.policies import Callback, Estimated, KalmanFilter, Sensor
 
@@ -213,11 +217,8 @@ def test_an_estimate_is_told_of_forces_too():
         ({"x": 3.0}, ArgumentTypeError, r"policy.senses\['x'\] is 3.0; a signal of contacts or tendons"),
         ([m.contact()], ArgumentTypeError, "policy.senses is .*; a dict of signals by name"),
         ({"x": m.normal_force("tip/lid")}, ArgumentError, "'tip/lid'"),
-        (
-            {"x": m.contact() * m.time()},
-            ArgumentError,
-            r"\['x'\] is .*; it has no value",
-        ),
+        ({"x": m.contact() * m.time()}, ArgumentError, r"\['x'\] is .*, with time\(\); contacts and"),
+        ({"x": m.contact() + m.state("probe.shift")}, ArgumentError, r"with state\('probe.shift'\); con"),
     ],
 )
 def test_errors_name_what_came(senses, error, text):
@@ -243,3 +244,42 @@ def test_who_cannot_feel_says_so():
         simulator(PROBE).rollout(np.zeros((1, 2)), policy=Estimated(Told(Numb.senses), filter), steps=3)
     with pytest.raises(ArgumentTypeError, match="f is .*; it must take 3 arguments"):
         Callback(lambda x, time: x, senses=Numb.senses)
+
+
+def test_a_policy_behind_a_hold_feels_when_it_is_asked():
+    """In rollouts of a task, too, whose hold and limits are around it: not in steps in between."""
+    of = task(PROBE, control_limits=(-1.0, 1.0), disturbances=slcp.Disturbances(hold=4 * H, delay=2 * H))
+    policy = Told({"wall": m.normal_force("tip/wall")})
+    around = nominal(policy, of, H)
+    of.simulator(dtype="float64", device="cpu").rollout(np.zeros((1, 2)), policy=around, steps=STEPS)
+    assert len(policy.kept) == STEPS // 4
+
+
+def test_a_world_that_fails_ends_no_other():
+    scene = replace(
+        PROBE,
+        shapes=(*PROBE.shapes, slcp.Shape("lid", None, "halfplane", offset=(0.1, 0.0))),
+        contacts=(*PROBE.contacts, slcp.Contact("tip", "lid")),
+    )
+    sim = simulator(scene)
+    offset = np.zeros((2, 3, 2))
+    offset[:, 1:, 0] = [[0.2, 0.1], [0.16, 0.15]]  # no room in the second
+    params = sim.params.replace(shape_offset=offset)
+
+    def press(x, time, felt):
+        return np.full((len(x), 1), 1.0) if time == 0.0 else 1.0 + 0.1 * felt["wall"][:, None]
+
+    policy = Callback(press, senses={"wall": m.normal_force("tip/wall")})
+    run = sim.rollout(np.tile([0.15, 0.0], (2, 1)), policy=policy, steps=STEPS, params=params)
+    assert run.status[0] == 0 and run.status[1] != 0
+
+
+def test_one_callback_in_several_threads_feels_its_own_run():
+    def control(x, time, felt):
+        assert len(felt["wall"]) == len(x)
+        return np.zeros((len(x), 1))
+
+    policy, sim = Callback(control, senses={"wall": m.normal_force("tip/wall")}), simulator(PROBE)
+    with ThreadPoolExecutor(4) as pool:
+        runs = [pool.submit(sim.rollout, np.zeros((n, 2)), policy=policy, steps=STEPS) for n in range(1, 9)]
+        assert all(not each.result().status.any() for each in runs)

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_sensors import ARM, TIP, H, by_hand, simulator
+from test_sensors import ARM, BALL, TIP, H, by_hand, simulator
 
 import slcp_warp as slcp
 from slcp_warp import measures as m
 from slcp_warp import policies
+from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.policies import Estimated, KalmanFilter, Sensor
 
 STILL = replace(ARM, gravity=(0.0, 0.0), name="still arm")
@@ -139,3 +140,28 @@ def holding(task):
     B = np.asarray(sim.linearize(x0[None], np.zeros((1, 2))).B)[0, 2:] / H
     gain = -np.concatenate([100.0 * np.eye(2), 20.0 * np.eye(2)], axis=1)
     return policies.Linear(np.linalg.solve(B, gain), x0, -np.linalg.solve(B, free))
+
+
+def test_a_run_shows_points_of_its_own_scene():
+    """A model with another length is told what the plant's tip does, and a run warns of it."""
+    longer = replace(STILL, bodies=(STILL.bodies[0], replace(STILL.bodies[1], anchor=(0.6, 0.05))))
+    read, sensors = [], {"tip": Sensor(m.point(TIP, "x"), 1e-9)}
+
+    class Reader(KalmanFilter):
+        def correct(self, belief, measured):
+            read.append(float(measured[0, 0]))
+            return super().correct(belief, measured)
+
+    policy = Estimated(policies.Linear(np.zeros((2, 4))), Reader(simulator(STILL), sensors, 0.1))
+    with pytest.warns(RuntimeWarning, match="filter has sensors of points, which a run shows by the"):
+        simulator(longer).rollout(np.zeros((1, 4)), policy=policy, steps=2)
+    tip = slcp.costs.position(longer, TIP, np.zeros((1, 4)))[0, 0]
+    np.testing.assert_allclose(read, tip, rtol=0, atol=1e-7)
+
+
+def test_impulses_are_of_steps_of_one_size():
+    load = {"hit": Sensor(m.normal_impulse("ball/floor"), 0.1)}
+    policy = Estimated(policies.Linear(np.zeros((0, 2))), KalmanFilter(simulator(BALL), load, 0.1, start=0.1))
+    finer = simulator(replace(BALL, step_size=0.5 * BALL.step_size))
+    with pytest.raises(ArgumentError, match="which grows with steps; the run makes steps of 0.01 s"):
+        policy.begin(finer, np.arange(1))

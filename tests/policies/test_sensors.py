@@ -48,6 +48,7 @@ SPRUNG = slcp.Scene(
     step_size=H,
 )
 LOAD = {"load": Sensor(m.normal_force("ball/floor"), 0.1)}
+PULL = {"pull": Sensor(m.tendon_force("spring"), 0.1)}
 TIP = Point("fore", (0.35, -0.1))
 OF_ARM = {
     "tip x": Sensor(m.point(TIP, "x"), 0.002),
@@ -161,6 +162,37 @@ def test_a_first_look_from_afar_finds_the_likeliest_state():
     best = [least_squares(off, own, args=(y,)).x for own, y in zip(x[:, :2], seen)]
     sd = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))[:, :2]
     assert (np.abs(found.mean[:, :2] - best) < 0.2 * sd).all(axis=1).mean() > 0.9
+
+
+@pytest.mark.parametrize("place", [0.0, np.pi, -np.pi])
+@pytest.mark.parametrize("shown", ["mod", "arctan2"])
+def test_an_angle_that_is_shown_within_a_turn_has_slopes_at_its_ends(place, shown):
+    of = {
+        "mod": lambda x: np.mod(x[:, 0], 2.0 * np.pi),
+        "arctan2": lambda x: np.arctan2(np.sin(x[:, 0]), np.cos(x[:, 0])),
+    }
+    sensors = {"a": Sensor(of[shown], 0.01, period=2.0 * np.pi)}
+    told = of_arm(sensors=sensors, start=0.1, x0=(place, 0.0, 0.0, 0.0))
+    plain = of_arm(sensors={"upper.angle": 0.01}, start=0.1, x0=(place, 0.0, 0.0, 0.0))
+    after = told.correct(told.begin(1), of[shown](np.array([[place + 0.08, 0.0]]))[:, None])
+    expected = plain.correct(plain.begin(1), [[place + 0.08]])
+    np.testing.assert_allclose(after.mean, expected.mean, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(after.covariance, expected.covariance, rtol=0, atol=1e-8)
+
+
+def test_a_function_that_gives_no_number_is_not_read():
+    """Nor is one without slopes; others are, and a look that led where there is none is given up."""
+    sensors = {"root": Sensor(lambda x: np.sqrt(x[:, 0]), 0.01), "upper.angle": 0.01}
+    plain = of_arm(sensors={"upper.angle": 0.01}, start=0.1, x0=(-0.05, 0.0, 0.0, 0.0))
+    for start, seen in ((-0.05, [np.nan, -0.05]), (-0.05, [0.3, -0.05]), (0.0, [0.3, -0.05])):
+        filter = of_arm(sensors=sensors, start=0.1, x0=(start, 0.0, 0.0, 0.0))
+        after = filter.correct(filter.begin(1), [seen])
+        expected = plain.correct(filter.begin(1), [seen[1:]])
+        np.testing.assert_allclose(after.mean, expected.mean, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(after.covariance, expected.covariance, rtol=0, atol=1e-12)
+    filter = of_arm(sensors={"root": sensors["root"]}, start=0.1, x0=(0.04, 0.0, 0.0, 0.0))
+    after = filter.correct(filter.begin(1), [[-0.2]])
+    assert np.isfinite(after.mean).all() and np.isfinite(after.covariance).all()
 
 
 def pressed(mean, covariance, process=0.0):
@@ -304,6 +336,10 @@ def test_what_is_felt_tells_what_is_pushed():
         (lambda: of_arm(sensors={"x": Sensor(lambda x: "far", 0.1)}), ArgumentError, "gave 'far' of states"),
         (lambda: of_arm(sensors={"x": Sensor(lambda x: x[:, 9], 0.1)}), ArgumentTypeError,
          "Sensor.of, a function, does not take states .*IndexError"),
+        (lambda: of_arm(sensors={"x": Sensor(lambda x: np.float32(x[:, 0]), 0.1)}), ArgumentError,
+         "gave float32"),
+        (lambda: KalmanFilter(simulator(SPRUNG, integrator="trapezoidal"), PULL, 0.1),
+         ArgumentError, "a sensor of tendon_force: the trapezoidal"),
         (lambda: of_arm(bias={"wrist": 0.1}), ArgumentError, "a name of bias is 'wrist'"),
         (lambda: KalmanFilter(slcp.Simulator(BALL, device="cpu", dtype="float32"), LOAD, 0.1),
          ArgumentError, "model is of float32, and sensors are of forces"),

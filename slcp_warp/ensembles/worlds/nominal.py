@@ -75,6 +75,9 @@ class HostAround(OfHost):
         self._every = hold if hold % own == 0 else own  # what is said in between reaches no world
         self._limits, self._delay, self._hold, self._before = limits, delay, hold, before
         self._h, self.period = step_size, step_size
+        if self.senses:
+            self._feels, self.feel = policy.feel, self._keep
+        self._felt: dict[str, np.ndarray] = {}
         self._inner_begin = getattr(self, "begin", None)
         self.begin = self._begin
 
@@ -86,10 +89,16 @@ class HostAround(OfHost):
         self._way = deque([before] * self._delay)
         self._said = self._held = nothing
 
+    def _keep(self, shown: dict[str, np.ndarray]) -> None:
+        """What is felt, until the policy is asked."""
+        self._felt = shown
+
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
         """Controls of the states x (B, nx)."""
         k = round(time / self._h)
         if k % self._every == 0:
+            if self.senses:
+                self._feels(self._felt)
             self._said = told(self._policy, x, time, worlds, self._held.shape[1])  # a copy: it may be reused
         if k % self._hold == 0:
             self._held = self._said

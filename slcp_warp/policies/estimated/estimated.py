@@ -3,14 +3,18 @@
 import copy
 import functools
 import threading
+import warnings
 from typing import Any
 
 import numpy as np
 
+from ...description.points import Point
+from ...description.scene import Scene
 from ...inputs.checks import attribute, flag, instance, number, shown, whole
 from ...inputs.errors import ArgumentError, ArgumentTypeError
 from ...inputs.limits import any_limits, limit_rows
 from ...inputs.times import nearest_steps
+from ...measures.signals import Signal
 from ...simulator import Simulator
 from ...stepping.acting import Acting, acting
 from ...stepping.arguments import at_step_size
@@ -21,6 +25,7 @@ from .kalman import KalmanFilter
 from .past import Past
 from .readings import Readings
 from .sensing import first_state, sensors_of
+from .sensors import NUMBERS, Sensors
 from .sent import Sent
 
 OF_RUN = ("belief", "kept", "_inner", "_late", "_sent", "_last", "_thread", "_readings", "_past")
@@ -45,7 +50,8 @@ class Estimated:
         before: controls (nu,), or one number for all, until the first that is sent acts; None: zero.
         period: between two questions [s], as of a task's hold; None: a step of the model.
         keep: True: `kept` has every estimate of the run.
-        seed: of what `policies.Sensor` says of noise and lost readings, which are drawn here.
+        seed: of what `policies.Sensor` says of noise and lost readings, which are drawn here, by a world's
+            number and whatever seed a sweep has.
         simulated: whether states of a simulated run come, of which sensors show what they are of, with their
             biases; False: they are what a machine's sensors showed of its states, biases and all.
 
@@ -191,9 +197,10 @@ class Estimated:
         self._last: float | None = None  # when it was asked
         self._thread = threading.get_ident()
         self.belief, self.kept = self.filter.begin(len(numbers)), []
-        self._readings = Readings(
-            self.filter.sensing, self.filter.bias, self.filter.model, numbers, self.seed
-        )
+        self._check_run(sim.scene, h)
+        filter = self.filter
+        sensors = Sensors(sim.scene, filter.sensing.with_noise(np.sqrt(filter.sensing.variance)))
+        self._readings = Readings(sensors, filter.bias, filter.model, numbers, self.seed)
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> np.ndarray:
         """Controls (B, nu) of the states x (B, nx), of which the sensors' are read."""
@@ -221,6 +228,27 @@ class Estimated:
         self._sent.send(time, u)
         self._last = time
         return u
+
+    def _check_run(self, scene: Scene, h: float) -> None:
+        """Raise ArgumentError for impulses in steps of another size; warn of points by other numbers."""
+        sensing, params = self.filter.sensing, self.filter.params
+        parts = [part for each in sensing.every if isinstance(each.of, Signal) for part in each.of.parts()]
+        impulses = [part for part in parts if part.kind in ("impulse", "tangential_impulse")]
+        if impulses and abs(h / self.filter.step_size - 1.0) > 1e-6:
+            raise ArgumentError(
+                f"filter has a sensor of {impulses[0]!r}, which grows with steps; the run makes steps of "
+                f"{h:g} s and the model of {self.filter.step_size:g} s: a force is needed in its place"
+            )
+        own = scene.default_parameters()
+        if any(isinstance(part.which, Point) for part in parts) and any(
+            not np.array_equal(params[name], own[name]) for name in NUMBERS
+        ):
+            warnings.warn(
+                "filter has sensors of points, which a run shows by the numbers of its scene, and lengths, "
+                "angles or masses of another mechanism (model=, params=)",
+                RuntimeWarning,
+                stacklevel=2,
+            )
 
     def _read(self, x: np.ndarray, time: float) -> np.ndarray:
         """(B, sensors) that are read."""

@@ -71,13 +71,6 @@ def foretold(
     return Belief(mean, _symmetric(grown) + strayed, failures + ~known, shown)
 
 
-def difference(measured: np.ndarray, expected: np.ndarray, period: np.ndarray) -> np.ndarray:
-    """What was measured less what was expected, (B, sensors), angles modulo their period; NaN stays."""
-    off = measured - expected
-    turns = np.round(np.divide(off, period, out=np.zeros_like(off), where=period > 0.0))
-    return np.asarray(off - turns * period)
-
-
 def corrected(
     belief: Belief, off: np.ndarray, slopes: np.ndarray, variance: np.ndarray, of_step: np.ndarray
 ) -> tuple[Belief, np.ndarray, np.ndarray]:

@@ -4,7 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...measures.signals import Signal
+from ...inputs.errors import ArgumentError
+from ...measures.signals import OF_TENDONS, TRAPEZOIDAL, Signal
 from ...parameters import Parameters
 from ...simulator import Simulator
 from .sensors import Sensors, moved
@@ -31,6 +32,9 @@ class Forces:
         self._model = model
         every = [sensors.every[i].of for i in sensors.of_step]
         self._signals = [of for of in every if isinstance(of, Signal)]
+        kinds = {part.kind for of in self._signals for part in of.parts()}
+        if OF_TENDONS in kinds and model.options.method.trapezoidal:
+            raise ArgumentError(f"a sensor of {OF_TENDONS}: {TRAPEZOIDAL}")
 
     def foretold(
         self, mean: np.ndarray, covariance: np.ndarray, A: np.ndarray, u: Any, params: Parameters

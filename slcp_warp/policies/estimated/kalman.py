@@ -13,10 +13,10 @@ from ...inputs.checks import array, instance, number, shown, whole
 from ...inputs.errors import ArgumentError
 from ...parameters import Parameters
 from ...simulator import Simulator
-from .extended import Belief, corrected, difference, foretold, spread
+from .extended import Belief, corrected, foretold, spread
 from .forces import Forces
 from .sensing import by_sensor
-from .sensors import MOST, Sensor, Sensors
+from .sensors import MOST, Sensor, Sensors, difference
 
 AGAIN = 3  # times that slopes of sensors that are no states are taken at what they tell
 NEAR = 0.01  # of a deviation, by which that changes no more
@@ -179,6 +179,8 @@ class KalmanFilter:
     def _left(self, expected: np.ndarray, shown: np.ndarray, variance: np.ndarray) -> np.ndarray:
         """(B,) by what sensors of states are off, squared, in deviations of theirs."""
         off = difference(shown, expected, self.sensing.period)
+        off[np.isnan(expected) & np.isfinite(shown)] = np.inf  # what is not defined is not met
+        off[:, self.sensing.of_step] = 0.0
         return np.asarray(np.nansum(off**2 / variance, axis=1))
 
     def estimate(self, measured: Any, controls: Any) -> Belief:

@@ -9,6 +9,7 @@ import warp as wp
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.policies.around import OF_ESTIMATES, make_sensor_kernel
 
+from ...inputs.errors import ArgumentError
 from ...simulator import Simulator
 from .sensors import Sensors
 
@@ -26,6 +27,7 @@ class Readings:
         self, sensors: Sensors, bias: np.ndarray, model: Simulator, worlds: np.ndarray, seed: int
     ) -> None:
         """Args:
+        sensors: of the scene that runs, whose points they show.
         bias: (S,) what each shows beside what it is of.
         model: whose device draws.
         worlds: their numbers (B,), through all chunks of a sweep.
@@ -46,6 +48,10 @@ class Readings:
         """
         out = self._sensors.expected(x)
         for i in self._sensors.of_step:
+            if self._sensors.names[i] not in felt:
+                raise ArgumentError(
+                    f"sensor {self._sensors.names[i]!r} feels forces; feel(shown) comes before act"
+                )
             out[:, i] = felt[self._sensors.names[i]]
         out += self._bias
         if self._draws:

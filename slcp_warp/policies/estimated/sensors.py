@@ -157,7 +157,7 @@ class Sensors:
         return {name: replace(each, noise=sd) if drawn else sd for name, each, drawn, sd in every}
 
     def expected(self, states: np.ndarray, params: Parameters | None = None) -> np.ndarray:
-        """(B, S) what they show of states (B, nx), NaN of those of a step.
+        """(B, S) what they show of states (B, nx), NaN of those of a step, and where a function gives none.
 
         Args:
             params: of the worlds, or one row; None: the scene's.
@@ -172,17 +172,19 @@ class Sensors:
         return self.seen(states, params)[1]
 
     def seen(self, states: np.ndarray, params: Parameters | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """`expected` and `slopes` together."""
+        """`expected` and `slopes` together; NaN and 0 where a sensor has no slopes."""
         expected = np.where(self.places >= 0, states[:, self.places], np.nan)
         slopes = np.tile(self._selected, (len(states), 1, 1))
         if self._others:
             known = np.isfinite(states).all(axis=1)
             around, twice = moved(np.where(known[:, None], states, self.scene.x0), self._moves)
             values = self._values(around, params)
-            expected[:, self._others] = np.where(known[:, None], values[:, 0], np.nan)
             forth, back = np.split(values[:, 1:], 2, axis=1)
-            of_moves = ((forth - back) / twice[:, :, None]).swapaxes(1, 2)
-            slopes[:, np.array(self._others)[:, None], self._moves] = of_moves
+            of_moves = difference(forth, back, self.period[self._others]) / twice[:, :, None]
+            known = known[:, None] & np.isfinite(of_moves).all(axis=1)
+            expected[:, self._others] = np.where(known, values[:, 0], np.nan)
+            own = np.where(known[:, :, None], of_moves.swapaxes(1, 2), 0.0)
+            slopes[:, np.array(self._others)[:, None], self._moves] = own
         return expected, slopes
 
     def _values(self, states: np.ndarray, params: Parameters | None) -> np.ndarray:
@@ -200,8 +202,12 @@ class Sensors:
     def _of_function(of: Any, states: np.ndarray) -> np.ndarray:
         """(B, M) of states (B, M, nx)."""
         flat = states.reshape(-1, states.shape[2])
-        with of_user("Sensor.of, a function, does not take states (n, nx)"):
-            given = of(flat)
+        with of_user("Sensor.of, a function, does not take states (n, nx)"), np.errstate(all="ignore"):
+            given = of(flat.copy())
+        if getattr(given, "dtype", None) in (np.float16, np.float32):
+            raise ArgumentError(
+                f"Sensor.of, a function, gave {given.dtype}, whose differences are noise; float64 is needed"
+            )
         if (found := numeric(given)) is None or found.shape != (len(flat),):
             got = shown(given) if found is None else f"shape {found.shape}"
             raise ArgumentError(
@@ -214,6 +220,13 @@ def _of_state(scene: Scene, name: Any, sd: Any) -> Sensor:
     """A sensor of a state by its name, or its place, and standard deviation."""
     place = index_of("a name of sensors", name, scene.state_names)
     return Sensor(scene.state_names[place], number(f"sensors[{name!r}]", sd, LEAST, MOST))
+
+
+def difference(measured: np.ndarray, expected: np.ndarray, period: np.ndarray) -> np.ndarray:
+    """What was measured less what was expected, (.., sensors), modulo their period; NaN stays."""
+    off = measured - expected
+    turns = np.round(np.divide(off, period, out=np.zeros_like(off), where=period > 0.0))
+    return np.asarray(off - turns * period)
 
 
 def moved(states: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

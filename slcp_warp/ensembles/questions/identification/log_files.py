@@ -39,6 +39,11 @@ def load_log(path: str | Path, filter: KalmanFilter) -> tuple[np.ndarray, np.nda
     path = checks.path("path", path)
     filter = checks.instance("filter", filter, KalmanFilter, "a policies.KalmanFilter")
     controls = tuple(f"control {name}" for name in filter.model.scene.control_names)
+    taken = {"time", *controls} & set(filter.sensors)
+    if taken:
+        raise ArgumentError(
+            f"filter has a sensor named {taken.pop()!r}, as a log's column is; another is needed"
+        )
     if path.suffix != ".csv":
         raise ArgumentError(f"path {path} ends in {path.suffix!r}; .csv is needed")
     rows = read_csv(path, WHAT, ("time", *filter.sensors, *controls))

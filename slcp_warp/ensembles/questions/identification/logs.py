@@ -52,6 +52,8 @@ def logs_of(filter: KalmanFilter, measured: Any, controls: Any, x0: Any) -> Logs
                 f"run {i} of measured and controls holds what is infinite, or a control that is no number; "
                 "finite numbers are needed, NaN only where a sensor was not read"
             )
+    for own in seen:
+        own[:1, filter.sensing.of_step] = np.nan  # no step comes before, whose forces they would show
     if not any(np.isfinite(own).any() for own in seen):
         raise ArgumentError("measured holds NaN only; numbers that a sensor showed are needed")
     longest = max(map(len, us))
