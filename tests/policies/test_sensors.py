@@ -164,6 +164,19 @@ def test_a_first_look_from_afar_finds_the_likeliest_state():
     assert (np.abs(found.mean[:, :2] - best) < 0.2 * sd).all(axis=1).mean() > 0.9
 
 
+def test_a_world_is_corrected_by_itself():
+    """How often others are looked at again changes nothing of a world, to the last bit."""
+    rng = np.random.default_rng(13)
+    filter = of_arm(start=(0.3, 0.3, 0.5, 0.5), x0=(-0.5, 1.4, 0.0, 0.0))
+    sd = np.append(np.full(19, 1e-4), 0.4)  # one far from what is believed
+    x = filter.x0 + sd[:, None] * rng.normal(size=(20, 4))
+    seen, begun = by_hand(x), filter.begin(20)
+    whole = filter.correct(begun, seen)
+    part = filter.correct(filter.begin(3), seen[:3])
+    np.testing.assert_array_equal(part.mean, whole.mean[:3])
+    np.testing.assert_array_equal(part.covariance, whole.covariance[:3])
+
+
 @pytest.mark.parametrize("place", [0.0, np.pi, -np.pi])
 @pytest.mark.parametrize("shown", ["mod", "arctan2"])
 def test_an_angle_that_is_shown_within_a_turn_has_slopes_at_its_ends(place, shown):

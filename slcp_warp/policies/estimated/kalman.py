@@ -155,10 +155,11 @@ class KalmanFilter:
         for _ in range(AGAIN if self.sensing.bends else 0):
             again, _, _, left = self._told(belief, told.mean, shown, params, variance)
             sd = np.sqrt(np.maximum(np.diagonal(again.covariance, axis1=1, axis2=2), 0.0))
-            if (np.abs(again.mean - told.mean) <= NEAR * sd).all():
+            far = (np.abs(again.mean - told.mean) > NEAR * sd).any(axis=1)  # of each world by itself
+            if not far.any():
                 break
             expected = self.sensing.expected(again.mean, params)
-            better = self._left(expected, shown, variance) < left
+            better = far & (self._left(expected, shown, variance) < left)
             mean = np.where(better[:, None], again.mean, told.mean)
             told = Belief(mean, np.where(better[:, None, None], again.covariance, told.covariance),
                           told.failures)  # fmt: skip
