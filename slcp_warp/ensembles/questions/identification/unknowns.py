@@ -70,7 +70,7 @@ class Unknowns:
         self._column: dict[str, tuple[int, int]] = {}
         base = filter.params.table()[0]
         alone = {key: laws.parameter_laws(scene, base, {key: law}).varied for key, law in self.prior.items()}
-        asked = {int(columns[0]): key for key, columns in alone.items() if len(columns) == 1}
+        asked = {int(columns[0]): key for key, columns in alone.items() if len(columns) == 1 and "." in key}
         for i, (table, places) in enumerate(zip(both, self._places)):
             place_of = dict(zip(table.varied.tolist(), places.tolist()))
             for column, c in told_once(table.names, table.varied.tolist(), table.alike):
