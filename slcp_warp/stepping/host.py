@@ -13,7 +13,7 @@ from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..measures.arithmetic import SUM
 from ..measures.signals import OF_CONTACTS, OF_TENDONS, Signal
 
-OF_STEPS = (*OF_CONTACTS, OF_TENDONS)
+FELT = (*OF_CONTACTS, OF_TENDONS)
 
 
 class HostPolicy(Protocol):
@@ -70,12 +70,12 @@ def senses_of(policy: Any) -> dict[str, Signal]:
     if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
         raise ArgumentTypeError(f"policy.senses is {shown(given)}; a dict of signals by name is needed")
     for name, signal in given.items():
-        if not isinstance(signal, Signal) or not any(each.kind in OF_STEPS for each in signal.parts()):
+        if not isinstance(signal, Signal) or not any(each.kind in FELT for each in signal.parts()):
             raise ArgumentTypeError(
                 f"policy.senses[{name!r}] is {shown(signal)}; a signal of contacts or tendons, of "
                 "slcp_warp.measures, is needed"
             )
-        other = [each for each in signal.parts() if each.kind not in (*OF_STEPS, SUM) or each.since_start]
+        other = [each for each in signal.parts() if each.kind not in (*FELT, SUM) or each.since_start]
         if other:
             raise ArgumentError(
                 f"policy.senses[{name!r}] is {signal!r}, with {other[0]!r}; contacts and tendons of a step, "

@@ -143,6 +143,7 @@ def test_mass_and_inertia_are_one_number_or_two():
     for name, true in truth.items():
         value, low, high = apart.values[name]
         assert abs(np.log(true / value)) < 1.5 * np.log(high / low), name
+        assert value == pytest.approx(true, rel=0.1) and high < 1.3 * low, name
     drawn = apart.draw(500)
     z = np.log([drawn["link.mass"], drawn["link.inertia"]])
     np.testing.assert_allclose(np.corrcoef(z)[0, 1], apart.correlation[0, 1], atol=0.15)

@@ -1,5 +1,6 @@
 """What a filter's sensors show in a run: noise, rates, losses, by world; feedback by a camera."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -155,6 +156,12 @@ def test_a_run_shows_points_of_its_own_scene():
     policy = Estimated(policies.Linear(np.zeros((2, 4))), Reader(simulator(STILL), sensors, 0.1))
     with pytest.warns(RuntimeWarning, match="filter has sensors of points, which a run shows by the"):
         simulator(longer).rollout(np.zeros((1, 4)), policy=policy, steps=2)
+    heavy = simulator(STILL).params.replace(mass=[3.0, 2.0])
+    plain = Estimated(
+        policies.Linear(np.zeros((2, 4))), KalmanFilter(simulator(STILL), sensors, 0.1, params=heavy)
+    )
+    with warnings.catch_warnings(action="error"):  # where its mass puts no point
+        plain.begin(simulator(STILL), np.arange(1))
     tip = slcp.costs.position(longer, TIP, np.zeros((1, 4)))[0, 0]
     np.testing.assert_allclose(read, tip, rtol=0, atol=1e-7)
 

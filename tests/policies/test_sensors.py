@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
+from test_identify import PUCK as FREE_PUCK
+from test_kalman import BALL
 
 import slcp_warp as slcp
 from slcp_warp import measures as m
@@ -23,24 +25,7 @@ ARM = slcp.Scene(
     actuators=(slcp.Actuator("upper"), slcp.Actuator("fore")),
     step_size=H,
 )
-BALL = slcp.Scene(  # on a vertical rail above a floor
-    "ball on a rail",
-    bodies=(slcp.Body("ball", 0.5, 0.01, joint="prismatic", axis=(0.0, 1.0)),),
-    shapes=(slcp.Shape("ball", "ball", "disc", 0.1), slcp.Shape("floor", None, "halfplane", angle=np.pi / 2)),
-    contacts=(slcp.Contact("ball", "floor"),),
-    step_size=0.02,
-)
-PUCK = slcp.Scene(  # slides on a floor; a rod keeps it from turning
-    "puck",
-    bodies=(
-        slcp.Body("carriage", 1e-3, 1e-5, joint="prismatic", axis=(0.0, 1.0)),
-        slcp.Body("puck", 0.5, 0.01, parent="carriage", joint="prismatic"),
-    ),
-    shapes=(slcp.Shape("puck", "puck", "disc", 0.1), slcp.Shape("floor", None, "halfplane", angle=np.pi / 2)),
-    contacts=(slcp.Contact("puck", "floor", friction=0.5),),
-    actuators=(slcp.Actuator("puck"),),
-    step_size=0.01,
-)
+PUCK = replace(FREE_PUCK, actuators=(slcp.Actuator("puck"),))
 SPRUNG = slcp.Scene(
     "sprung",
     bodies=(slcp.Body("cart", 2.0, 0.01, joint="prismatic"),),
@@ -159,9 +144,20 @@ def test_a_first_look_from_afar_finds_the_likeliest_state():
         state = np.append(q, [0.0, 0.0])[None]
         return np.append((by_hand(state)[0, [0, 2]] - y) / [0.002, 0.004], (q - filter.x0[:2]) / 0.3)
 
-    best = [least_squares(off, own, args=(y,)).x for own, y in zip(x[:, :2], seen)]
-    sd = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))[:, :2]
-    assert (np.abs(found.mean[:, :2] - best) < 0.2 * sd).all(axis=1).mean() > 0.9
+    best = [least_squares(off, own, args=(y,)) for own, y in zip(x[:, :2], seen)]
+    sd = np.sqrt([np.diag(np.linalg.inv(each.jac.T @ each.jac)) for each in best])
+    near = np.abs(found.mean[:, :2] - [each.x for each in best]) < 0.2 * sd
+    assert near.all(axis=1).mean() > 0.9
+    told = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))[:, :2]
+    assert (np.abs(told / sd - 1.0) < 0.1).all(axis=1).mean() > 0.9
+
+
+def test_sensors_that_repeat_each_other_are_one():
+    """Beyond rounding: what is believed is 1e12 times as uncertain as either encoder."""
+    sensors = {"one": Sensor("upper.angle", 1e-3), "two": Sensor("upper.angle", 1e-3)}
+    filter = of_arm(sensors=sensors, start=(1e9, 0.0, 0.0, 0.0), x0=(0.3, 0.0, 0.0, 0.0))
+    told = filter.correct(filter.begin(1), [[0.5, 0.5]])
+    assert told.mean[0, 0] == pytest.approx(0.5, abs=1e-6) and np.isfinite(told.covariance).all()
 
 
 def test_a_world_is_corrected_by_itself():

@@ -25,7 +25,7 @@ from .kalman import KalmanFilter
 from .past import Past
 from .readings import Readings
 from .sensing import first_state, sensors_of
-from .sensors import NUMBERS, Sensors
+from .sensors import OF_MASS, OF_PLACES, Sensors
 from .sent import Sent
 
 OF_RUN = ("belief", "kept", "_inner", "_late", "_sent", "_last", "_thread", "_readings", "_past")
@@ -240,9 +240,9 @@ class Estimated:
                 f"{h:g} s and the model of {self.filter.step_size:g} s: a force is needed in its place"
             )
         own = scene.default_parameters()
-        if any(isinstance(part.which, Point) for part in parts) and any(
-            not np.array_equal(params[name], own[name]) for name in NUMBERS
-        ):
+        points = [point for part in parts for point in (part.which, part.minus) if isinstance(point, Point)]
+        numbers = OF_MASS if any(point.of_mass for point in points) else OF_PLACES
+        if points and any(not np.array_equal(params[name], own[name]) for name in numbers):
             warnings.warn(
                 "filter has sensors of points, which a run shows by the numbers of its scene, and lengths, "
                 "angles or masses of another mechanism (model=, params=)",

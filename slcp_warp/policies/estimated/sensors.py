@@ -21,7 +21,8 @@ LEAST, MOST = 1e-50, 1e50  # of standard deviations: their squares are numbers
 REACH = 1e-6  # of central differences, of a state that is not large
 OF_STATES = ("state", "cosine", "point", "distance", "sum")
 OF_STEPS = ("impulse", "normal_force", "tangential_impulse", "tangential_force", "tendon_force")
-NUMBERS = ("anchor", "angle", "axis", "mass", "com")  # of a mechanism, by which its points are where they are
+OF_PLACES = ("anchor", "angle", "axis")  # numbers of a mechanism by which its points are where they are
+OF_MASS = (*OF_PLACES, "mass", "com")  # and centres of mass
 
 
 @dataclass(frozen=True)
@@ -244,5 +245,5 @@ def _numbers(params: Parameters | None) -> dict[str, np.ndarray] | None:
     """Those that points depend on, an axis of states behind that of the worlds."""
     if params is None:
         return None
-    every = ((name, params[name], len(params.layout.shape(name))) for name in NUMBERS)
+    every = ((name, params[name], len(params.layout.shape(name))) for name in OF_MASS)
     return {name: value[:, None] if value.ndim > own else value for name, value, own in every}
